@@ -357,7 +357,7 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
     """
     head = scans[:_START_SCANS]
     if len(head) < 2:
-        raise EstimationError(f"the recording has {count_of(len(head), 'scan')}, which holds no motion; a motion takes at least two")
+        raise EstimationError(f"there is no motion in a recording of {count_of(len(head), 'scan')}; give at least two scans")
     returns = sum(len(scan.returns) for scan in head)
     if returns < _START_RETURNS:
         raise EstimationError(f"there are only {returns} returns in the first {len(head)} scans; lower detector.threshold")

@@ -10,6 +10,7 @@ transforms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
 
@@ -70,6 +71,42 @@ def find_correlation_peaks(
     Returns:
         at most `_PEAKS` poses (3,) of the query's frame in the reference's frame, the best first.
     """
+    return pick_apart(rank_poses(reference, query, guess, reach_m, reach_rad, config), config)
+
+
+def pick_apart(ranked: Sequence[se2.Array], config: EstimatorConfig, apart_rad: float = np.inf) -> list[se2.Array]:
+    """Picks poses that differ from each other.
+
+    Args:
+        ranked: poses (3,), the best first.
+        config: settings of the search.
+        apart_rad: poses at one place differ if their yaws differ by more than this [rad].
+
+    Returns:
+        at most `_PEAKS` poses (3,), the best first.
+    """
+    chosen: list[se2.Array] = []
+    for pose in ranked:
+        off = [np.abs(pose - other) for other in chosen]
+        if all(np.hypot(x, y) > 2.0 * compute_same_m(config) or yaw > apart_rad for x, y, yaw in off):
+            chosen.append(pose)
+            if len(chosen) == _PEAKS:
+                break
+    return chosen
+
+
+def rank_poses(
+    reference: NDArray[np.float64],
+    query: NDArray[np.float64],
+    guess: se2.Array,
+    reach_m: float,
+    reach_rad: float,
+    config: EstimatorConfig,
+) -> list[se2.Array]:
+    """Returns the poses (3,) with the largest correlations at each yaw, the best first.
+
+    The arguments are those of `find_correlation_peaks`.
+    """
     pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
     query = query[np.maximum(x, y) < _SEARCH_EXTENT * pixel_m]
@@ -90,12 +127,7 @@ def find_correlation_peaks(
         for top, i, k in find_tops(correlation, _PEAKS):
             at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
             peaks.append((top, np.array([at[0], at[1], yaw])))
-    peaks.sort(key=lambda peak: -peak[0])
-    chosen: list[se2.Array] = []
-    for _, pose in peaks:
-        if all(np.hypot(*(pose - other)[:2]) > 2.0 * compute_same_m(config) for other in chosen):
-            chosen.append(pose)
-    return chosen[:_PEAKS]
+    return [pose for _, pose in sorted(peaks, key=lambda peak: -peak[0])]
 
 
 class Image:

@@ -20,6 +20,7 @@ from mqslam.psi.correlate import (
     find_correlation_peaks,
     find_pixels,
     find_tops,
+    pick_apart,
 )
 
 CONFIG = EstimatorConfig()
@@ -113,3 +114,10 @@ def test_the_highest_tops_are_the_largest_of_their_neighbourhoods(cells: int, mo
     places = np.argwhere((maximum_filter(local, size=5) == local) & inside)
     expected = [(correlation[i, k], i, k) for i, k in places[np.argsort(-local[tuple(places.T)], kind="stable")]][:most]
     assert find_tops(correlation, most) == expected
+
+
+def test_two_yaws_at_one_place_are_picked_only_if_asked_for() -> None:
+    best, hardly, turned, beside = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.1], [0.0, 0.0, 0.4], [9.0, 0.0, 0.0]])
+    ranked = [best, hardly, turned, beside]
+    np.testing.assert_array_equal(pick_apart(ranked, CONFIG), [best, beside])
+    np.testing.assert_array_equal(pick_apart(ranked, CONFIG, apart_rad=0.2), [best, turned, beside])

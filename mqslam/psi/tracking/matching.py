@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig, TrackerConfig
+from mqslam.core import se2
 from mqslam.core.scans import Scan
-from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
+from mqslam.psi.correlate import compute_same_m, pick_apart, rank_poses
 from mqslam.psi.covariance import estimate_covariance, find_weak_directions, fuse, invert, sum_by_object
 from mqslam.psi.minimiser import STABILISER, Minimum, Prior, Search, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.neighbours import mark_near
@@ -139,7 +140,14 @@ class Matcher:
             search,
         )
 
-    def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Minimum) -> tuple[Minimum, bool]:
+    def search(
+        self,
+        scan: Scan,
+        predicted: Belief,
+        into: LocalMap,
+        known: Minimum,
+        is_doubtful: Callable[[Minimum], bool] | None = None,
+    ) -> tuple[Minimum, bool]:
         """Finds the best match in the whole region that the covariance of a prediction allows.
 
         Args:
@@ -147,13 +155,24 @@ class Matcher:
             predicted: predicted state of the scan; its covariance bounds the search.
             into: the map.
             known: a match that was found before, which competes with the new ones.
+            is_doubtful: returns whether a match is doubtful, so that other yaws are tried at the same places; if None, only
+                the best yaw is tried at each place. Only for a sensor that sees a part of its surroundings at a time.
 
         Returns:
             The best match, and whether another place in the map fits the scan about as well.
         """
+        ranked, size_m = self._rank_poses(scan, predicted, into)
+        tried = pick_apart(ranked, self.matching)
+        found = self._refine(scan, tried, predicted, into)
         if self.tuning.sees_part:
-            return self._choose_by_shared(scan, [known, *self._refine_peaks(scan, predicted, into)], into), False
-        minima = sorted([known, *self._refine_peaks(scan, predicted, into)], key=lambda minimum: minimum.evaluation.psi)
+            best = self._choose_by_shared(scan, [known, *found], into)
+            if is_doubtful is not None and is_doubtful(best):
+                # two yaws differ if they move the returns as far apart as two places do
+                turned = pick_apart(ranked, self.matching, 2.0 * compute_same_m(self.matching) / size_m)
+                new = [pose for pose in turned if not any(pose is other for other in tried)]
+                best = self._choose_by_shared(scan, [best, *self._refine(scan, new, predicted, into)], into)
+            return best, False
+        minima = sorted([known, *found], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(self.matching)]
         return best, any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
@@ -275,13 +294,20 @@ class Matcher:
     def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> PsiEvaluation:
         return evaluate(placed, into.references, scale, self.kernel)
 
-    def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
-        """Returns the minima of psi that begin at the peaks of a correlation of scan and map around the prediction."""
+    def _rank_poses(self, scan: Scan, predicted: Belief, into: LocalMap) -> tuple[list[se2.Array], float]:
+        """Returns the poses (3,) at which scan and map correlate, the best first, and the returns' mean range (RMS) [m].
+
+        The poses lie around the prediction, within the region that its covariance allows.
+        """
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
         reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, max(self.tuning.search_rad, _SEARCH_RAD[0]), _SEARCH_RAD[1]))
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
-        peaks = find_correlation_peaks(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
+        ranked = rank_poses(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
+        return ranked, float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
+
+    def _refine(self, scan: Scan, poses: Sequence[se2.Array], predicted: Belief, into: LocalMap) -> list[Minimum]:
+        """Returns the minima of psi that begin at poses (3,) with the predicted motion."""
         information = predicted.information
-        starts = [State.of(pose, predicted.mean.motion) for pose in peaks]
+        starts = [State.of(pose, predicted.mean.motion) for pose in poses]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

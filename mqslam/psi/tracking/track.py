@@ -163,7 +163,9 @@ def _find_start(scans: Sequence[Scan]) -> int:
         FewReturnsError: there are no such scans.
     """
     if len(scans) < 2:
-        raise EstimationError(f"the recording has {count_of(len(scans), 'scan')}, which holds no motion; a motion takes at least two")
+        raise EstimationError(
+            f"there is no motion in a recording of {count_of(len(scans), 'scan')}; give at least two scans"
+        )
     for k in range(len(scans) - 1):
         if len(_take_head(scans, k)) > 1:
             return k

@@ -199,9 +199,9 @@ class Tracker:
             return self._pass_over(scan, begin)
         prior = predicted.prior
         minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
-        if self._usual.is_doubtful(minimum, self._tuning.doubtful_psi):
+        if self._is_doubtful(minimum):
             if self._is_guided:  # wheels that slip may be off by any motion
-                minimum, _ = matcher.search(scan, begin, self._map, minimum)
+                minimum, _ = matcher.search(scan, begin, self._map, minimum, self._is_doubtful)
             else:
                 minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
@@ -375,6 +375,10 @@ class Tracker:
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
         return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
+
+    def _is_doubtful(self, minimum: Minimum) -> bool:
+        """Returns whether psi at a match is so much higher than usual that a better match is searched for."""
+        return self._usual.is_doubtful(minimum, self._tuning.doubtful_psi)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably wrong."""
