@@ -103,6 +103,33 @@ def fits_far_better(registration: Registration) -> bool:
     return registration.unrivalled and registration.psi_best * RIVAL <= registration.psi
 
 
+def is_of_beams(
+    registration: Registration, stretches: tuple[Sequence[int], Sequence[int]], sweeps: Sweeps, estimator: EstimatorConfig
+) -> bool:
+    """Returns whether it may be the pattern of a lidar's beams alone that fits better with the offset corrected.
+
+    The beams of a lidar hit a bare wall at the same places of a scan wherever the lidar stands along the wall. Two scans of
+    it fit best as if the lidar had not moved. The middles between the points of neighbouring beams have no such pattern:
+    they fit better only if the surfaces do.
+
+    Args:
+        registration: registration of a later stretch on an earlier one.
+        stretches: the sweeps of the earlier stretch, and of the later one.
+        sweeps: points under the trajectory to judge.
+        estimator: settings of the score.
+    """
+    if not sweeps.is_of_lidar:
+        return False
+    earlier, later = stretches
+    references = make_references(sweeps.local(earlier, sweeps.poses[registration.earlier]))
+    middles = sweeps.local_between_beams(later, sweeps.poses[registration.later], estimator.s_start)
+    if not len(middles):
+        return True
+    moved = se2.compose(registration.between, registration.offset)
+    kept_psi, moved_psi = (score_at_pose(references, middles, pose, estimator) for pose in (registration.between, moved))
+    return moved_psi * RIVAL > kept_psi
+
+
 def register(
     sweeps: Sweeps,
     frames: tuple[int, int],

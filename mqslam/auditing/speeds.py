@@ -23,6 +23,7 @@ from mqslam.auditing.registration import (
     ask_of_single_scans,
     compute_far_reach,
     fits_far_better,
+    is_of_beams,
     measure_span,
     register,
 )
@@ -201,14 +202,14 @@ def _register_next(shared: Shared, begin: int) -> tuple[Registration, SpeedCheck
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
-    registration = register(
-        sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, ask_of_single_scans(settings), estimator
-    )
+    pair = [begin], [begin + 1]
+    registration = register(sweeps, (begin, begin + 1), pair, reach, ask_of_single_scans(settings), estimator)
     if registration is None:
         return None
     check = SpeedCheck(registration.offset / span_s, registration.unrivalled)
     if contradicts(check, _find_capture(shared)):  # the wide search may have found a wrong place
-        return registration, replace(check, sure=fits_far_better(registration))
+        is_sure = fits_far_better(registration) and not is_of_beams(registration, pair, sweeps, estimator)
+        return registration, replace(check, sure=is_sure)
     return registration, check
 
 

@@ -20,6 +20,7 @@ from mqslam.auditing.registration import (
     ask_of_scans,
     compute_far_reach,
     fits_far_better,
+    is_of_beams,
     measure_span,
     register,
 )
@@ -50,7 +51,8 @@ class StepAudit:
         p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where the scans do
             not constrain every direction or too few steps show what is usual.
         lasts: whether the scans farther from the step also fit better with the offset of the step corrected; if they fit
-            worse, only a few scans are off and the map does not jump.
+            worse, only a few scans are off and the map does not jump. It is False, too, where only the pattern of a lidar's
+            beams fits better.
     """
 
     registration: Registration
@@ -111,6 +113,8 @@ def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) ->
     sweeps, settings, estimator = shared
     if not (p_value < chance and step.size_m > settings.jump_m):
         return True
+    if is_of_beams(step, pick_sides(step.later), sweeps, estimator):
+        return False
     size, place = STEP_SCANS, step.later
     before = range(max(place - 2 * size, 0), max(place - size, size))
     after = range(min(place + size, len(sweeps) - size), min(place + 2 * size, len(sweeps)))

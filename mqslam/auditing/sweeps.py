@@ -41,6 +41,7 @@ class Sweeps:
         track: the trajectory as it was given. None for a cloud without a trajectory; its poses are then the mean points of
             its sweeps.
         is_finished: whether the points were placed already, as in a finished cloud.
+        is_of_lidar: whether a lidar has seen the points, in each sweep in the order of its beams.
     """
 
     points: NDArray[np.float64]
@@ -55,6 +56,7 @@ class Sweeps:
     revolution_s: float
     track: Track | None
     is_finished: bool = False
+    is_of_lidar: bool = False
 
     def __len__(self) -> int:
         return len(self.times)
@@ -76,6 +78,21 @@ class Sweeps:
         turns = self.turns[picked]
         release(self.points, self.covariances, self.turns)
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, turns)
+
+    def local_between_beams(self, chosen: Sequence[int], frame: se2.Array, apart_m: float) -> PointSet:
+        """Returns the middles between the points of neighbouring beams of a lidar that are at most `apart_m` [m] apart.
+
+        Args:
+            chosen: the sweeps.
+            frame: (3,) the frame of the result.
+            apart_m: points that are farther apart are taken to lie on two surfaces.
+        """
+        seen = self.local(chosen, frame)
+        sweep = np.repeat(np.arange(len(chosen)), [int(self.begins[k + 1] - self.begins[k]) for k in chosen])
+        steps = np.diff(seen.points, axis=0)
+        near = (np.diff(sweep) == 0) & (np.hypot(steps[:, 0], steps[:, 1]) <= apart_m)
+        points = (seen.points[:-1] + 0.5 * steps)[near]
+        return PointSet(points, np.empty((len(points), 2, 0)), seen.covariances[:-1][near], seen.times[:-1][near])
 
 
 def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:
@@ -119,6 +136,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
         doubt_m=measure_doubt(track, times, scans.revolution_s, float(np.sqrt(placed.ranges_m2 / counts.sum()))),
         revolution_s=scans.revolution_s,
         track=track,
+        is_of_lidar=scans.unit_m is not None,
     )
     return sweeps, inside
 

@@ -7,7 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support.drives import block_drive, noise, street_drive
+from support.laser_drive import cast_beams
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sizes import WINDOW
@@ -15,15 +17,16 @@ from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contr
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import Undecided
+from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.config import Config
-from mqslam.core.scans import Returns
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 from mqslam.results.audit_results import summarise
 
-CONFIG = Config()
+CONFIG, ROOMS = Config(), fit_to_rooms(Config())
 CAPTURE = CaptureRange(window_m=2.5, speed_mps=5.0 / 3.0, searched_mps=50.0)
 
 
@@ -159,3 +162,33 @@ def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
         (sweeps, CONFIG.audit, CONFIG.estimator), range(2, 38, 6), np.ones(len(sweeps), bool), HERE, ignore_progress
     )
     assert all(contradicts(found, CAPTURE) for found in checks)
+
+
+def corridor_sweeps(factor: float, walls: NDArray[np.float64]) -> Sweeps:
+    """Returns 20 scans of a lidar that drives along a corridor, under a trajectory whose speed is wrong by a factor."""
+    poses = np.column_stack([10.0 + 0.22 * np.arange(20), np.full(20, 0.1), np.zeros(20)])
+    angles, random = np.linspace(-np.pi / 2, np.pi / 2, 180), np.random.default_rng(4)
+    period_us = 860_000
+    scans = []
+    for k, pose in enumerate(poses):
+        ranges = cast_beams(walls, pose[:2], angles, 80.0) + random.normal(0.0, 0.01, len(angles))
+        t0, seen = 1e-6 * period_us * k, ranges < 70.0
+        returns = Returns(ranges[seen], angles[seen], np.full(int(seen.sum()), t0), np.ones(int(seen.sum())))
+        scans.append(Scan(t0, t0 + 0.01, returns))
+    track = Trajectory(period_us * np.arange(20), poses * [factor, 1.0, 1.0])
+    made = Scans(tuple(scans), 0, 1e-6 * period_us, unit_m=1.0)
+    return place_sweeps(made, track, beam_of(ROOMS.estimator, 0.0))[0]
+
+
+@pytest.mark.parametrize(("factor", "has_pillars", "is_wrong"), [(1.0, False, False), (1.0, True, False), (4.0, True, True)])
+def test_the_beams_of_a_lidar_on_bare_walls_contradict_no_speed(factor: float, has_pillars: bool, is_wrong: bool) -> None:
+    sides = [[-30.0, y, 70.0, y] for y in (-1.3, 1.4)]
+    pillars = [[x, side * 1.3, x, side * 1.0] for x, side in zip(np.arange(2.0, 40.0, 1.7), [1, -1] * 12, strict=False)]
+    sweeps = corridor_sweeps(factor, np.array([*sides, *(pillars if has_pillars else [])]))
+    shared = sweeps, ROOMS.audit, ROOMS.estimator
+    checks = check_speeds(shared, range(2, 18, 3), np.ones(len(sweeps), bool), HERE, ignore_progress)
+    capture = find_capture_range(sweeps.revolution_s, ROOMS.estimator)
+    assert all(contradicts(found, capture) is is_wrong for found in checks)
+    unmarked = replace(sweeps, is_of_lidar=False), ROOMS.audit, ROOMS.estimator
+    found = check_speeds(unmarked, range(2, 18, 3), np.ones(len(sweeps), bool), HERE, ignore_progress)
+    assert any(contradicts(check, capture) for check in found) is (is_wrong or not has_pillars)
