@@ -140,6 +140,7 @@ class Source:
         tracks: trajectories that the recording itself carries, by name.
         notes: what a user should know about how the recording was interpreted.
         gyroscope: readings of the recording's gyroscope, or None.
+        is_of_lidar: whether a lidar made the recording.
     """
 
     path: Path
@@ -148,6 +149,7 @@ class Source:
     tracks: dict[str, Trajectory]
     notes: tuple[str, ...]
     gyroscope: Gyroscope | None = None
+    is_of_lidar: bool = False
 
 
 def is_cloud(path: Path) -> bool:
@@ -170,6 +172,7 @@ def make_lidar_source(lidar: LidarRecording) -> Source:
         scans=lidar.scans,
         tracks={name: track for name, track in tracks.items() if track is not None},
         notes=lidar.notes,
+        is_of_lidar=True,
     )
 
 
@@ -189,6 +192,7 @@ def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sw
     """
     sweeps, inside = place_sweeps(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
+    sweeps = replace(sweeps, is_of_lidar=source.is_of_lidar)
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
 

@@ -123,6 +123,7 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     result = {}
     for track in ("recording", "odometry"):
         sweeps, _ = place_source(source, source.tracks[track], BEAM)
+        assert sweeps.is_of_lidar
         result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert result["recording"].verdict.status == "pass", result["recording"].verdict.reasons
     assert result["odometry"].verdict.status == "fail"
