@@ -201,7 +201,7 @@ def test_results_of_one_recording_that_overlap_in_time_are_refused(days: Days, t
     index = tmp_path / "later" / "keyframes" / "index.json"
     content = json.loads(index.read_text())
     (recording,) = content["recordings"]
-    recording |= {"path": str(Path("monday.drive").absolute()), "start_us": recording["end_us"] - 1}
+    recording |= {"path": str(Path("monday.drive").absolute()), "start_us": recording["end_us"] - 1_000_000}
     recording["end_us"] += 1_000_000
     index.write_text(json.dumps(content))
     shown = command("merge", days["monday"], tmp_path / "later", "--out", tmp_path / "out")
