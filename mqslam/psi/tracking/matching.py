@@ -170,7 +170,9 @@ class Matcher:
                 # two yaws differ if they move the returns as far apart as two places do
                 turned = pick_apart(ranked, self.matching, 2.0 * compute_same_m(self.matching) / size_m)
                 new = [pose for pose in turned if not any(pose is other for other in tried)]
-                best = self._choose_by_shared(scan, [best, *self._refine(scan, new, predicted, into)], into)
+                other = self._choose_by_shared(scan, [best, *self._refine(scan, new, predicted, into)], into)
+                if not len(self.find_weak_directions(scan, State(other.state), into)):  # else it may lie anywhere
+                    best = other
             return best, False
         minima = sorted([known, *found], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
