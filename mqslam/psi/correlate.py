@@ -50,7 +50,7 @@ def compute_same_m(config: EstimatorConfig) -> float:
     return _SAME * compute_pixel_m(config)
 
 
-def find_correlation_peaks(
+def rank_poses(
     reference: NDArray[np.float64],
     query: NDArray[np.float64],
     guess: se2.Array,
@@ -58,7 +58,7 @@ def find_correlation_peaks(
     reach_rad: float,
     config: EstimatorConfig,
 ) -> list[se2.Array]:
-    """Finds the most likely poses of one point set in another.
+    """Finds the most likely poses of one point set in another: the highest peaks of their correlation at each yaw.
 
     Args:
         reference: (M, 2) m.
@@ -69,43 +69,7 @@ def find_correlation_peaks(
         config: settings of the search.
 
     Returns:
-        at most `_PEAKS` poses (3,) of the query's frame in the reference's frame, the best first.
-    """
-    return pick_apart(rank_poses(reference, query, guess, reach_m, reach_rad, config), config)
-
-
-def pick_apart(ranked: Sequence[se2.Array], config: EstimatorConfig, apart_rad: float = np.inf) -> list[se2.Array]:
-    """Picks poses that differ from each other.
-
-    Args:
-        ranked: poses (3,), the best first.
-        config: settings of the search.
-        apart_rad: poses at one place differ if their yaws differ by more than this [rad].
-
-    Returns:
-        at most `_PEAKS` poses (3,), the best first.
-    """
-    chosen: list[se2.Array] = []
-    for pose in ranked:
-        off = [np.abs(pose - other) for other in chosen]
-        if all(np.hypot(x, y) > 2.0 * compute_same_m(config) or yaw > apart_rad for x, y, yaw in off):
-            chosen.append(pose)
-            if len(chosen) == _PEAKS:
-                break
-    return chosen
-
-
-def rank_poses(
-    reference: NDArray[np.float64],
-    query: NDArray[np.float64],
-    guess: se2.Array,
-    reach_m: float,
-    reach_rad: float,
-    config: EstimatorConfig,
-) -> list[se2.Array]:
-    """Returns the poses (3,) with the largest correlations at each yaw, the best first.
-
-    The arguments are those of `find_correlation_peaks`.
+        poses (3,) of the query's frame in the reference's frame, the best first; many of them hardly differ (`pick_apart`).
     """
     pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
@@ -128,6 +92,27 @@ def rank_poses(
             at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
             peaks.append((top, np.array([at[0], at[1], yaw])))
     return [pose for _, pose in sorted(peaks, key=lambda peak: -peak[0])]
+
+
+def pick_apart(ranked: Sequence[se2.Array], config: EstimatorConfig, apart_rad: float = np.inf) -> list[se2.Array]:
+    """Picks poses that differ from each other.
+
+    Args:
+        ranked: poses (3,), the best first.
+        config: settings of the search.
+        apart_rad: poses at one place differ if their yaws differ by more than this [rad].
+
+    Returns:
+        at most `_PEAKS` poses (3,), the best first.
+    """
+    chosen: list[se2.Array] = []
+    for pose in ranked:
+        off = [np.abs(pose - other) for other in chosen]
+        if all(np.hypot(x, y) > 2.0 * compute_same_m(config) or yaw > apart_rad for x, y, yaw in off):
+            chosen.append(pose)
+            if len(chosen) == _PEAKS:
+                break
+    return chosen
 
 
 class Image:

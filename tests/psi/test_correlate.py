@@ -17,10 +17,10 @@ from mqslam.psi.correlate import (
     compute_pixel_m,
     compute_same_m,
     draw_blurred,
-    find_correlation_peaks,
     find_pixels,
     find_tops,
     pick_apart,
+    rank_poses,
 )
 
 CONFIG = EstimatorConfig()
@@ -29,7 +29,7 @@ POSE = np.array([4.2, -3.1, 0.2])
 
 def test_the_best_peak_is_within_a_pixel_of_the_pose() -> None:
     query = np.random.default_rng(1).uniform(-40.0, 40.0, (150, 2))
-    best, *others = find_correlation_peaks(se2.transform(POSE, query), query, np.zeros(3), 8.0, 0.3, CONFIG)
+    best, *others = pick_apart(rank_poses(se2.transform(POSE, query), query, np.zeros(3), 8.0, 0.3, CONFIG), CONFIG)
     assert np.hypot(*(best - POSE)[:2]) < 1.5 * compute_pixel_m(CONFIG)
     assert abs(best[2] - POSE[2]) < 0.03
     for other in others:
@@ -40,13 +40,13 @@ def test_the_best_peak_is_within_a_pixel_of_the_pose() -> None:
 def test_there_are_no_more_peaks_than_are_asked_for(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(correlate, "_PEAKS", most)
     query = np.random.default_rng(2).uniform(-40.0, 40.0, (60, 2))
-    assert len(find_correlation_peaks(query, query, np.zeros(3), 8.0, 0.1, CONFIG)) == most
+    assert len(pick_apart(rank_poses(query, query, np.zeros(3), 8.0, 0.1, CONFIG), CONFIG)) == most
 
 
 def test_without_points_there_are_no_peaks() -> None:
     none, some = np.zeros((0, 2)), np.ones((3, 2))
-    assert find_correlation_peaks(none, some, np.zeros(3), 5.0, 0.1, CONFIG) == []
-    assert find_correlation_peaks(some, none, np.zeros(3), 5.0, 0.1, CONFIG) == []
+    assert pick_apart(rank_poses(none, some, np.zeros(3), 5.0, 0.1, CONFIG), CONFIG) == []
+    assert pick_apart(rank_poses(some, none, np.zeros(3), 5.0, 0.1, CONFIG), CONFIG) == []
 
 
 def draw(points: NDArray[np.float64], corner: NDArray[np.float64], side: int, pixel_m: float) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from mqslam.backend.loops.passes import MATCHED
 from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
+from mqslam.psi.correlate import compute_same_m, pick_apart, rank_poses
 from mqslam.psi.covariance import estimate_covariance, find_weak_directions, sum_by_object
 from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, kernel_of
 from mqslam.psi.neighbours import mark_near
@@ -81,7 +81,7 @@ def align(
     """
     reach_m, reach_rad = reach
     minima = []
-    peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
+    peaks = pick_apart(rank_poses(references.points, query.points, guess, reach_m, reach_rad, config), config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]
     for start in [guess, *others]:
         minimum = minimise_rigidly(start, query, references, config)
