@@ -1,8 +1,7 @@
 """Finds jumps of the trajectory between two successive scans, which are called steps.
 
 Everywhere along the path, the scans just after a step are registered on the scans just before it. A jump leaves the map
-crisp before and after it, so that a window's twist does not show it. The registration shows
-it, because its offset equals the jump.
+crisp before and after it, so a window's twist does not show it. The offset of the registration does: it equals the jump.
 """
 
 from __future__ import annotations

@@ -171,7 +171,8 @@ class Matcher:
                 turned = pick_apart(ranked, self.matching, 2.0 * compute_same_m(self.matching) / size_m)
                 new = [pose for pose in turned if not any(pose is other for other in tried)]
                 other = self._choose_by_shared(scan, [best, *self._refine(scan, new, predicted, into)], into)
-                if not len(self.find_weak_directions(scan, State(other.state), into)):  # else it may lie anywhere
+                # a match that leaves a direction unobserved may lie anywhere along it
+                if other is not best and not len(self.find_weak_directions(scan, State(other.state), into)):
                     best = other
             return best, False
         minima = sorted([known, *found], key=lambda minimum: minimum.evaluation.psi)
