@@ -16,7 +16,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     Args:
         path: the recording.
-        settings: how recordings are understood.
+        settings: settings for what the recording does not state, such as the field of view.
 
     Raises:
         DataError: the recording cannot be used.

@@ -1,10 +1,11 @@
 """Reads CARMEN logs (`.log`, `.log.gz` and `.clf`): the scans of a planar lidar, each with poses of lidar and robot.
 
-A FLASER line states no angles. Its n readings sweep 180 degrees, from -90 degrees on. If n is even, they end one step
-before +90 (180: -90 to +89 by 1, 360: -90 to +89.5 by 0.5); if n is odd, they end at +90 (181 by 1, 361 by 0.5). On the
-Intel and ACES logs this gives sharper maps than centring an even number of readings or stretching them over the 180 degrees.
-Other numbers of readings come from other lidars. A setting or the log's parameters must then state the field of view, or
-the log is refused.
+A scan is a FLASER or ROBOTLASER1 line, a pose of the odometry is an ODOM line. A FLASER line states no angles. Its readings
+begin at -90 degrees. An odd number of readings ends at +90 degrees (181 readings by 1 degree, 361 by 0.5). An even number
+ends one step before +90 degrees (180 readings: -90 to +89 by 1, 360: -90 to +89.5 by 0.5): on the Intel and ACES logs this
+gives sharper maps than centring the readings or stretching them over 180 degrees. Other numbers of readings come from other
+lidars. For these, a setting or the log's parameters must state the field of view; else the log is refused, unless a scan has
+fewer than 90 readings.
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ from mqslam.errors import DataError, untrusted
 from mqslam.formats.stamps import mark_increasing
 from mqslam.formats.tables import parse_times
 
-# A log counts as clipped at its longest range if that is at least this long [m], and more than this share and this number
-# of readings have it.
+# A log counts as clipped at its longest range if this range is at least so long [m], and if more than this share and this
+# number of readings have this range.
 _CLIP_M, _CLIP_SHARE, _CLIP_COUNT = 3.0, 1e-3, 10
-_SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less are equal: a log is written to centimetres
+_SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less count as equal: logs are rounded to centimetres
 # Poses [m, m, rad] of scans that differ from the odometry by less than this are the odometry itself, not a SLAM result.
 _SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
-_ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
+_ERROR_CODES_M = 81.82  # SICK lidars state 81.83 m to 81.91 m where they could not measure a range
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer decimals than this
 _LEAST_MAXIMUM_M = 1.0  # no lidar has a smaller maximum range
 _HALF_TURNS = {180, 181, 360, 361}  # numbers of readings in a scan of SICK's lidars, which see 180 degrees
 _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
 _LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; a smaller number may be in radians
-_FEW = 90  # no known lidar has fewer readings: over 180 degrees they would lie more than two degrees apart
+_FEW = 90  # no known lidar has fewer readings: over 180 degrees, readings would lie more than two degrees apart
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -61,16 +62,17 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     """Reads a CARMEN log.
 
     All beams of a scan have the scan's time, since the format states no times of beams. The trajectory consists of the
-    sensor's poses in the scan lines. The odometry comes from the ODOM lines. In a log without ODOM lines it consists of the
-    robot's poses in the scan lines, unless these are rigidly connected to the sensor's poses. Odometry of the robot is
-    converted to poses of the sensor.
+    lidar's poses in the scan lines. The odometry comes from the ODOM lines. In a log without ODOM lines, it consists of the
+    robot's poses in the scan lines, unless these are rigidly connected to the lidar's poses. Poses of the robot are
+    converted to poses of the lidar.
 
     Args:
         path: the log.
-        settings: how recordings are understood.
+        settings: settings for what the log does not state, such as the field of view.
 
     Raises:
-        DataError: the log cannot be read, a line is cut short, or there are fewer than two scans with returns.
+        DataError: the log cannot be read, a line is cut short, the field of view is not stated, there are fewer than two
+            scans, or no scan has a return.
     """
     log = read_log(path)
     kind = max(log.scans, key=lambda name: len(log.scans[name]))
@@ -97,7 +99,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 def _choose_scans(
     path: Path, log: CarmenLog, kind: str, settings: ReadingConfig
 ) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
-    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and notes on what was left out."""
+    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and notes on the choice."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))
@@ -121,7 +123,11 @@ def _spread_readings(
 ) -> tuple[list[ScanLine], list[str]]:
     """Spreads the readings of FLASER scans over the field of view that the user or the log's parameters state.
 
-    Returns the scans, and notes on their field of view. Where no field of view is stated, the scans keep their angles.
+    Returns the scans, and notes for the user on their field of view. If no field of view is stated, the scans keep their
+    angles, which span 180 degrees.
+
+    Raises:
+        DataError: no field of view is stated, and lidars with this number of readings do not see 180 degrees.
     """
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
@@ -147,7 +153,7 @@ def _spread_readings(
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Returns the readings of each scan that are returns, and a note if the log clips long ranges.
+    """Returns the returns of each scan, without ranges of 0 and clipped ranges, and a note if the log clips long ranges.
 
     Args:
         scans: the N scans.
@@ -165,11 +171,11 @@ def _drop_clipped(
 
 
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
-    """Finds the range [m], below the sensor's own maximum, at which a log clips its readings; inf where it clips none.
+    """Finds the range [m] at which a log clips its readings, below the lidar's own maximum; inf if the log clips none.
 
-    The longest range is the limit if it occurs too often to be a real object. Else the limit is the maximum that the
-    parameters state, in metres or centimetres. This maximum is ignored if some range is longer, since
-    robot_front_laser_max may limit the robot's obstacle avoidance instead.
+    The longest range is this limit if it occurs too often to be a real object. Else the limit is the parameter
+    robot_front_laser_max, in metres or centimetres. The parameter is ignored if some range is longer, since it may limit the
+    robot's obstacle avoidance instead. `ranges` (K,) are all ranges [m] below the lidar's maximum, of all `readings`.
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
@@ -183,8 +189,9 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
 def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) -> tuple[se2.Array, bool]:
     """Finds the pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both are rigidly connected.
 
-    If the poses are rigidly connected and differ, the difference is the lidar's pose. Else the lidar's pose is what the
-    parameter robot_frontlaser_offset states, in metres or, above 2, in centimetres.
+    Poses are x, y [m], yaw [rad]. If the poses of lidar and robot are rigidly connected and differ, their difference is the
+    lidar's pose on the robot. Else the lidar lies ahead of the robot's origin by the parameter robot_frontlaser_offset, in
+    metres or, if it is above 2, in centimetres.
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
@@ -195,10 +202,10 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """Returns the robot's odometry, or None where it has fewer than two poses, and notes on how it was made.
+    """Returns the robot's odometry, or None if it has fewer than two poses, and notes for the user on what was left out.
 
     In a log that a SLAM run wrote, the odometry starts again from the corrected pose after every scan. The wheels measured
-    only the steps in between: these are chained, and the jumps to the corrected poses are left out.
+    only the steps between these jumps: the steps are chained, and the jumps are left out.
     """
     poses = np.array([line.pose for line in lines])
     anchored = np.array([line.anchored for line in lines])
@@ -219,11 +226,11 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
 
 
 def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
-    """Marks the odometry lines (M,) whose stamps (M,) [us] do not contradict the odometry lines that belong to scans.
+    """Returns a mask (M,) of the odometry lines whose stamps (M,) [us] fit the order of the log.
 
-    A line right above a scan, with the scan's stamp, is the odometry of that scan. Where stamps run back and forth (by up
-    to a second in the Intel log), these lines are kept, and lines between two of them in the log must also lie between them
-    in time.
+    An odometry line right above a scan that has the scan's stamp belongs to the scan, and is always marked. Stamps of other
+    lines may run back and forth (by up to a second in the Intel log). Such a line is marked if its stamp lies between the
+    stamps of the nearest lines of scans above and below.
     """
     above = ((scan.odometry_above - 1, scan.stamp) for scan in scans if scan.odometry_above)
     pinned = {row for row, stamp in above if lines[row].stamp == stamp and not lines[row].anchored}
@@ -236,7 +243,7 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
 
 def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
-    """Returns whether two trajectories, moved to a common first pose, agree to centimetres at the stamps of `a`."""
+    """Returns whether trajectories, moved to a common first pose, differ by less than 5 cm and 0.02 rad at a's stamps."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     return bool(np.all(np.abs(apart) < _SAME_TRACK))
@@ -247,14 +254,14 @@ class ScanLine:
     """A FLASER or ROBOTLASER1 line.
 
     Args:
-        stamp: stamp as written [s].
-        ranges: (n,) [m].
-        angles: (n,) [rad] counter-clockwise from straight ahead.
-        remissions: (n,) strength of the echoes; 0 where the line has none.
-        maximum_m: the sensor's maximum range [m] that the line states, or inf.
-        sensor: (3,) pose of the lidar.
-        robot: (3,) pose of the robot.
-        odometry_above: number of ODOM lines above this one.
+        stamp: stamp [s], as the log writes it.
+        ranges: (n,) measured ranges [m].
+        angles: (n,) directions of the readings [rad], counter-clockwise from straight ahead.
+        remissions: (n,) strength of the echoes, in the lidar's own units; 0 if the line states none.
+        maximum_m: the lidar's maximum range [m] that the line states; inf if it states none.
+        sensor: (3,) pose of the lidar x, y [m], yaw [rad] in the log's frame.
+        robot: (3,) pose of the robot x, y [m], yaw [rad] in the log's frame.
+        odometry_above: number of ODOM lines above this line.
     """
 
     stamp: str
@@ -272,10 +279,10 @@ class OdometryLine:
     """An ODOM line.
 
     Args:
-        stamp: stamp as written [s].
-        pose: (3,) pose of the robot.
-        anchored: whether the line measures nothing, but moves the odometry to the pose of the scan line before it: it
-            repeats that pose, and its stamp is earlier than that of the last line that measures something.
+        stamp: stamp [s], as the log writes it.
+        pose: (3,) pose of the robot x, y [m], yaw [rad].
+        anchored: whether the line measures nothing, but resets the odometry to the corrected pose in the scan line before.
+            Such a line repeats this pose, and its stamp is earlier than the stamp of the last line that is not anchored.
     """
 
     stamp: str
@@ -285,7 +292,14 @@ class OdometryLine:
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """The lines of a log, in order, by their kind; `messages` counts lines of all kinds, also those that are not kept."""
+    """The content of a log.
+
+    Args:
+        scans: the scan lines by their kind, in the order of the log.
+        odometry: the ODOM lines in the order of the log.
+        parameters: the numbers that PARAM lines state, by the name of the parameter.
+        messages: number of lines of each kind, including kinds that are not read.
+    """
 
     scans: dict[str, list[ScanLine]] = field(default_factory=lambda: {"FLASER": [], "ROBOTLASER1": []})
     odometry: list[OdometryLine] = field(default_factory=list)
@@ -328,7 +342,11 @@ def read_log(path: Path) -> CarmenLog:
 
 
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yields the lines of a log with their numbers; at most a mebibyte of a line is held in memory."""
+    """Yields the number, from 1, and the text of each line of a log.
+
+    Raises:
+        DataError: the log cannot be read, a line is longer than a mebibyte, or the log unpacks to far more than its size.
+    """
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
         with (
@@ -352,7 +370,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _parse_flaser(words: list[str], above: int) -> ScanLine:
-    """Parses the words of a FLASER line, with the number of ODOM lines above it."""
+    """Parses the words of a FLASER line; `above` is the number of ODOM lines above it."""
     count = int(words[1])
     ranges, tail = _parse_numbers(words[2:], count), words[2 + count :]
     step = np.pi / max(count - count % 2, 1)
@@ -362,7 +380,7 @@ def _parse_flaser(words: list[str], above: int) -> ScanLine:
 
 
 def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
-    """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
+    """Parses the words of a ROBOTLASER1 line; `above` is the number of ODOM lines above it."""
     start, view, resolution, maximum = (float(words[column]) for column in (2, 3, 4, 5))
     count = int(words[8])
     if resolution <= 0.0:  # some programs leave the resolution out
@@ -380,24 +398,20 @@ def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
 
 
 def _check_stamp(word: str) -> str:
-    """Returns a stamp as it is written, after a check that it is a number."""
+    """Returns the text of a stamp unchanged; raises ValueError if it is no number."""
     float(word)
     return word
 
 
 def _parse_numbers(words: list[str], count: int) -> NDArray[np.float64]:
-    """Parses the first `count` words as numbers.
-
-    Raises:
-        ValueError: there are fewer words, or one is no number.
-    """
+    """Parses the first `count` words as numbers; raises ValueError if there are fewer words, or if one is no number."""
     if not 0 <= count <= len(words):
         raise ValueError(count)
     return np.array(words[:count], dtype=np.float64)
 
 
 def _parse_finite(words: list[str] | list[float], count: int) -> NDArray[np.float64]:
-    """Parses all words as `count` finite numbers, or raises ValueError."""
+    """Parses words as finite numbers; raises ValueError if there are not `count` words, or if a word is no finite number."""
     values = np.array(words, dtype=np.float64)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(words)

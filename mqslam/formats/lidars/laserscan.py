@@ -23,8 +23,8 @@ from mqslam.formats.transforms import Mounts
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-# The times that a driver states for a lidar's beams are used if the beams of a scan span less than this many usual steps
-# from one scan to the next. Longer spans are a mistake of the driver.
+# The times that a driver states for a lidar's beams are used if the beams of a scan span less than this many times the usual
+# time from one scan to the next. A longer span is a mistake of the driver.
 _LIDAR_LONGEST_SWEEP = 1.05
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -37,10 +37,10 @@ class _ScanIndex:
 
     Args:
         stamps_us: stamp of each scan [us].
-        scans: the scans, whose times count from their stamps [s].
+        scans: the returns of each scan, whose times [s] count from the scan's stamp.
         poses: the poses on the topics of odometry and of a SLAM system.
-        sensor_frame: frame of the lidar.
-        mounts: the static transforms.
+        sensor_frame: name of the lidar's frame.
+        mounts: the transforms that never change.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -54,7 +54,7 @@ _OF_RADAR = ("polar", "navtech", "radar_data")  # parts of the names that driver
 
 
 def holds_scans(reader: AnyReader) -> bool:
-    """Returns whether an open bag has laser scans and no topic of a radar."""
+    """Returns whether an open bag has laser scans and no topic that is named like a radar's."""
     kinds = {connection.msgtype for connection in reader.connections}
     topics = [connection.topic.lower() for connection in reader.connections]
     return SCAN_TYPE in kinds and not any(word in topic for topic in topics for word in _OF_RADAR)
@@ -69,10 +69,11 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     Args:
         path: the bag.
-        settings: how recordings are understood.
+        settings: not used; bags state the field of view themselves.
 
     Raises:
-        DataError: the bag cannot be read, has no topic of scans or several, or has fewer than two scans with returns.
+        DataError: the bag cannot be read, has no topic of scans or several, has fewer than two scans whose stamps increase,
+            or no scan has a return.
     """
     with bags.open_bag(path) as reader:
         topic = _choose_topic(path, reader)
@@ -112,7 +113,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
 
 def _choose_topic(path: Path, reader: AnyReader) -> str:
-    """Chooses the topic of scans: the only one or, of several, the only one whose last name is `scan`."""
+    """Chooses the topic of scans: the only one or, of several, the only one that ends in `scan`; else raises a DataError."""
     topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
     if not topics:
         raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"give a bag with {SCAN_TYPE}")
@@ -124,9 +125,10 @@ def _choose_topic(path: Path, reader: AnyReader) -> str:
 
 
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of a SLAM system's poses: by name first, then by number of messages.
+    """Chooses the topics of odometry and of a SLAM system's poses; None where the bag has no such topic.
 
-    Topics of commands are left out. Ground truth is never taken as odometry, and as poses only if there are no others.
+    Topics are preferred by name first, then by number of messages. Topics of commands, such as goals, are left out. Ground
+    truth is never taken as odometry, and is taken as a SLAM system's poses only if there are no other poses.
     """
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
     drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.is_truth(c.topic)]
@@ -138,7 +140,7 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
 
 
 def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _ScanIndex:
-    """Reads the messages of the scans, of the pose topics and of transforms in one pass."""
+    """Reads the messages with scans, poses and transforms in one pass over a bag."""
     index = _ScanIndex()
     connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or Mounts.reads(c)]
     for connection, logged, raw in reader.messages(connections):
@@ -157,7 +159,7 @@ def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str 
 
 
 def _parse_scan(message: Any) -> Returns:
-    """Parses a message into the returns of a scan, whose times count from the message's stamp.
+    """Parses a message into the returns of a scan, whose times [s] count from the message's stamp.
 
     Raises:
         ValueError: an angle or time increment is not finite, or range_min is not below range_max.
@@ -178,10 +180,10 @@ def _parse_scan(message: Any) -> Returns:
 
 
 def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
-    """Returns the times of each scan's beams [s] since the first of the stamps (N,) [us], with a note if they are replaced.
+    """Returns the times [s] of the beams of N scans, counted from the first stamp, and a note if they are replaced.
 
-    If a scan would last longer than the step from one scan to the next, the driver's time increment is wrong. All beams of
-    a scan then get the scan's time.
+    The N scans have stamps (N,) [us], from which the times in `scans` count [s]. If a scan would last longer than the time
+    until the next scan, the driver's time increment is wrong: all beams of a scan then get the time of the scan's stamp.
     """
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])
