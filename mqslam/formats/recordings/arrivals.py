@@ -1,17 +1,20 @@
-"""Estimates when the revolutions (turns) of a radar ended or began, from stamps of arrival, which have varying delays.
+"""Estimates when the revolutions (turns) of a radar ended or began from their stamps of arrival, whose delays vary.
 
-Where a recording has one stamp per polar scan, it is the stamp of a message or a file, which a busy computer sets late: each
-stamp has a different delay, and some are later than the stamps of the next polar scans. Polar scans are therefore ordered by
-their numbers or messages, never by their stamps. The radar turns steadily, since its antenna has inertia: the duration of a
-turn changes little from one turn to the next. So the stamps a_k of the recording are modelled as
+Where a recording has one stamp per polar scan, a computer set this stamp when it received the polar scan. A busy computer
+sets it late: each stamp has a different delay, and some stamps are later than the stamps of the next polar scans. So polar
+scans are ordered by their numbers or messages, never by their stamps. The radar turns steadily, since its antenna has
+inertia: the duration of a turn changes little from one turn to the next. The stamp of arrival a_k of turn k is modelled as
 
     a_k = s_k + jitter,        s_k - 2 s_k+1 + s_k+2 = change of the duration of a turn
 
-with white jitter of variance r and white changes of variance q. Both variances are estimated from the stamps themselves
-(restricted maximum likelihood), and the most probable s_k replace the a_k: this is the smoother of Whittaker and Henderson,
-equal to that of Rauch, Tung and Striebel for this model. Its covariance gives the uncertainty of the s_k. Stamps that are
-out of order or far too late are ignored. Polar scans whose numbers are missing have no stamps. Turns on the two sides of a
-gap do not constrain one another, nor do turns before and after a change of the radar's rate.
+where s_k is the true end or start of the turn, the jitter is white with variance r, and the changes are white with variance
+q. Both variances are estimated from the stamps themselves (restricted maximum likelihood), and the most probable s_k replace
+the a_k. This is the smoother of Whittaker and Henderson, which for this model equals the smoother of Rauch, Tung and
+Striebel. The covariance of the smoother gives the uncertainty of the s_k.
+
+Stamps that are out of order or far too late are ignored. A turn whose number is missing has no stamp, but keeps its place:
+the places of turns count from 0 and include missing turns. Three successive turns are tied if no gap and no change of the
+radar's rate lies between them; only tied turns constrain one another.
 """
 
 from __future__ import annotations
@@ -37,16 +40,16 @@ _MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than th
 _STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its estimate is ignored
 _MOST_LATE_S = 3.0  # a stamp later than its estimate by more than this [s] is damaged, not late
 _MOST_EARLY = 0.5  # a stamp earlier than its estimate by more turns than this is damaged, since nothing arrives early
-_SCANS_AROUND_BREAK = 8  # polar scans on each side of a step that show whether the step is a lasting break
+_SCANS_AROUND_BREAK = 8  # number of polar scans on each side of a step that show whether it is a lasting break
 _BREAK_SPREADS = 7.0  # a step further than this many spreads of the jitter from the usual one may be a break
 _BREAK_LASTS = 0.6  # share of an unusual step by which the stamps after it must stay shifted for it to be a break
-_NEAR = 3  # breaks fewer polar scans apart than this may be the same break
+_NEAR = 3  # breaks that are at most this many polar scans apart may be one break
 _IGNORED = 1e-4  # weight of an ignored stamp; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # limit on the rounds that look for stamps to ignore; two or three suffice
-_PROBES = 64  # polar scans whose variances stand for those of all
-_LOW = 0.2  # low quantile of the delays of some stamps; hardly any stamp below it is late
-_AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
-_MOST_MISSING = 100  # a larger hole in the numbers counts as this many turns, since nothing ties its two sides
+_PROBES = 64  # the median variance of all polar scans is estimated from at most this many
+_LOW = 0.2  # quantile of the delays of some stamps that is compared; it is low, since late stamps have the largest delays
+_AVERAGED = 37  # number of turns whose usual durations are averaged: a median of nine turns still shows the jitter of stamps
+_MOST_MISSING = 100  # a larger step between numbers counts as this many turns, which keeps the arrays small
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +59,8 @@ class Arrivals:
     Args:
         stamps_us: (N,) int64 [us], strictly increasing; equal to the stamps of arrival if these show no delays.
         sigma_s: standard deviation of one stamp [s]; 0 if the stamps of arrival show no delays.
-        notes: notes for the user on the delays.
-        faults: faults for the user: which stamps of arrival are damaged.
+        notes: a message for the user on the size of the delays; empty if the stamps show no delays.
+        faults: a message for the user on damaged stamps of arrival; empty if no stamp is damaged.
     """
 
     stamps_us: NDArray[np.int64]
@@ -99,10 +102,10 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Removes the delays from stamps of arrival (N,) [us]; places (N,) number the turns, missing turns included.
+    """Removes the delays from the stamps of arrival (N,) [us] of the turns at these places (N,).
 
     Returns:
-        the stamps (N,) [us], the usual duration of a revolution [us], and the standard deviation of the stamps [s].
+        The estimated stamps (N,) [us], the usual duration of a turn [us], and the standard deviation of one stamp [s].
     """
     known = _mark_in_time(stamps_us, places)
     smooth, usual = _fill_turns(stamps_us, places, known)
@@ -118,7 +121,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Returns a fault for the user that names the polar scans, by their numbers (N,), whose stamps a mask (N,) marks."""
+    """Returns a message on the polar scans whose stamps a mask (N,) marks: the first of their numbers, and their count."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
@@ -128,13 +131,16 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
 
 
 def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Finds the usual duration (N - 1,) [us] of a turn between successive stamps (N,) [us]; places (N,) number the turns."""
+    """Finds the usual duration (N - 1,) of a turn [us] at each step between the stamps (N,) [us] of turns at places (N,)."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Marks stamps (N,) [us] that increase and leave enough time for the revolutions up to every later marked stamp."""
+    """Returns a mask (N,) of the stamps [us] that increase and are not too late, given the places (N,) of their turns.
+
+    A stamp is too late if a later stamp follows sooner than the fastest plausible rate of the radar allows.
+    """
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
@@ -149,10 +155,11 @@ def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> ND
 def _fill_turns(
     stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], float]:
-    """Spreads the stamps (M,) [us] of unknown turns evenly between the known ones; also returns the usual duration [us].
+    """Returns the stamp of every turn (M,) [us], missing turns included, and the usual duration of a turn [us].
 
-    A turn is a revolution of the radar. Where a gap lies between two known turns, an unknown turn is placed after the gap if
-    its stamp of arrival lies there, else before the gap.
+    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. All other turns are
+    spread evenly between these. At a gap between two known turns, another turn is put after the gap if its stamp of arrival
+    lies there, else before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -171,7 +178,7 @@ def _fill_turns(
 
 
 def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
-    """Estimates the delays of stamps and subtracts them; also returns the standard deviation of the new stamps [s].
+    """Returns the stamps (N,) [us] without delays and the standard deviation of a stamp [s], which is 0 if no delay is seen.
 
     Args:
         stamps_us: (N,) increasing stamps of turns [us].
@@ -194,10 +201,10 @@ def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tu
 
 
 def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N - 2,) that are followed by two more without a break and at the same rate of rotation.
+    """Returns a mask (N - 2,) of the polar scans that are tied to the next two: without a break, and at the same rate.
 
-    A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
-    single late polar scan is no break, since the next ones are on time again.
+    A break is a step after which all stamps are later or earlier than expected, because of a gap or a clock that jumps. A
+    single late polar scan is no break, since the next polar scans are on time again.
 
     Args:
         stamps_us: (N,) stamps of the polar scans [us], at least three.
@@ -221,9 +228,10 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
     lasting = np.diff(np.quantile([before, after], _LOW, axis=2), axis=0)[0] * np.sign(excess)
     least_us = max(_BREAK_SPREADS * spread, _LEAST_JITTER_S * 1e6)
     jump = (np.abs(excess) > least_us) & (lasting > _BREAK_LASTS * np.abs(excess))
-    jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
+    # near the ends, too few scans lie on one side to distinguish a break from late scans
+    jump[: count // 2], jump[-count // 2 :] = False, False
     broken = gap | jump
-    # late polar scans beside a break look like further breaks, which are smaller and not of whole turns
+    # late polar scans next to a break look like further breaks, but these are smaller and do not last whole turns
     sizes = np.where(broken, np.abs(excess), 0.0)
     whole = np.abs(steps - np.round(steps / usual) * usual) < least_us
     broken &= whole | (sizes == maximum_filter1d(sizes, 2 * _NEAR + 1))
@@ -231,7 +239,7 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
 
 
 def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N,) that are tied to others; the mask `tied` (N - 2,) marks the first of every three tied."""
+    """Returns a mask (N,) of all polar scans that are tied to others; `tied` (N - 2,) marks the first of each tied three."""
     padded = np.pad(tied, 2)
     return padded[2:] | padded[1:-1] | padded[:-2]
 
@@ -242,14 +250,15 @@ def _estimate_delays(
     known: NDArray[np.float64],
     usual: NDArray[np.float64],
 ) -> _Fit | None:
-    """Estimates the delay of each stamp (N,); returns None where no known stamp is tied to others.
+    """Estimates the delays of N stamps; returns None where no known stamp is tied to others.
+
+    Turns are untied if their duration would change by more than a rotating mass allows.
 
     Args:
         bends: (N - 2,) second differences of the stamps [us].
-        tied: (N - 2,) True where the three revolutions of a second difference follow one another steadily.
+        tied: (N - 2,) True where the three turns of a second difference are tied.
         known: (N,) weights of the stamps; near zero where a stamp is only estimated.
-        usual: (N - 2,) usual duration of a revolution at each second difference [us]; revolutions whose duration would
-            change by more than a rotating mass allows are untied.
+        usual: (N - 2,) usual duration of a turn at each second difference [us].
     """
     for _ in range(_ROUNDS):
         if not np.any(_mark_members(tied) & (known == 1.0)):
@@ -263,11 +272,12 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Chooses the likeliest ratio of the two variances, and ignores stray stamps.
+    """Splits N stamps into delays and turns at the likeliest ratio of the variances of jitter and changes.
 
-    A stray stamp may lie anywhere in a turn of the radar, which takes `turn` [us]. The first ratio that is tried lets the
-    duration of turns change least, and each later ratio lets it change more. So several stamps that are late together,
-    because a computer was busy, are recognised as late before the estimated turns can follow them.
+    Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
+    of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
+    computer was busy, are recognised as late before the estimated turns can follow them. `bends`, `tied` and `known` are as
+    in `_estimate_delays`; `turn` is the duration of a turn [us], in which a stray stamp may lie anywhere.
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
@@ -289,12 +299,12 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The best split of stamps into delays and times of revolutions, for one ratio of variances.
+    """The best split of N stamps into delays and true times, for one ratio of the variances of jitter and changes.
 
     Args:
         delays: (N,) delays of the stamps [us].
         cost: twice the negative logarithm of the restricted likelihood of the ratio, up to a constant.
-        factor: (3, N) Cholesky factor of the normal equations.
+        factor: (3, N) Cholesky factor of the normal equations, as bands (`scipy.linalg.cholesky_banded`).
         variance: variance of the jitter [us^2].
     """
 
@@ -315,12 +325,11 @@ class _Fit:
 
 
 def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: NDArray[np.float64], ratio: float) -> _Fit:
-    """Splits stamps into delays d and times t of turns; minimises sum(weights d^2) + ratio sum((second differences of t)^2).
+    """Splits N stamps into delays d and true times t; minimises sum(weights d^2) + ratio sum((second differences of t)^2).
 
-    A turn is a revolution of the radar; only tied second differences count.
-
-    The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the bends
-    that are tied, and D takes second differences.
+    Only tied second differences count. The normal equations (W + ratio D'TD) d = ratio D'T bends have five diagonals: W
+    holds the weights (N,), T picks the tied bends, and D takes second differences. `bends` (N - 2,) [us] and `tied` (N - 2,)
+    are as in `_estimate_delays`; `ratio` is the variance of the jitter over the variance of changes of a turn's duration.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 

@@ -1,4 +1,8 @@
-"""Reads and writes the azimuths of a revolution as Oxford rows (time, angle, validity, power), or spreads them evenly."""
+"""Reads and writes the times and angles of a revolution's azimuths as Oxford rows, or spreads them evenly.
+
+An Oxford row is a row of an image that holds one azimuth: its time, its encoder value, a flag byte and its power (see
+`read_metadata`). An encoder value counts the ticks of the radar's encoder clockwise from straight ahead.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +29,9 @@ TURN_TICKS = 5600
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
 STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
-_NEAR_STEPS = 5  # steps between polar scans at either end of a recording whose median is the duration of a turn there
-_OVERLAP = 1.05  # turns overlap if they seem to last this many times the step to the next turn: a radar's rate is steadier
-# numbers of ticks per revolution with which encoders are made
+_NEAR_STEPS = 5  # number of steps between polar scans at an end of a recording whose median is the duration of a turn there
+_OVERLAP = 1.05  # turns overlap if they last this many times the step between them: a radar's rate varies less
+# numbers of ticks per revolution of the encoders that are on the market
 _MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
 _SAME_SIZE = 0.02  # relative error of the ticks per turn, as estimated from the steps between polar scans
 _LONGEST_TURN_US = 30e6  # a stamp further than this from the median stamp of its turn is damaged
@@ -39,7 +43,7 @@ class Azimuths:
 
     Args:
         stamps_us: (A,) int64 [us], not decreasing.
-        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the revolution.
+        angles: (A,) [rad] counter-clockwise from the radar's x axis (straight ahead), unwrapped along the revolution.
         valid: (A,) bool, False where the recording marks the azimuth as not measured, or where its time or angle is
             interpolated.
     """
@@ -50,19 +54,19 @@ class Azimuths:
 
     @property
     def end_us(self) -> int:
-        """The stamp one mean azimuth step after the last azimuth [us]."""
+        """Stamp [us] at which the last azimuth ends: one mean step between azimuths after its own stamp."""
         first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
 
     def measure_turn(self) -> float | None:
-        """Measures how long a whole revolution takes [us] at the rate of these azimuths; None where they do not show it."""
+        """Returns how long a whole revolution takes [us] at the rate of these azimuths; None if no plausible rate fits."""
         return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
 
     def find_duration(self) -> int | None:
-        """Finds how long the revolution takes [us]; None where these azimuths do not show it.
+        """Returns how long the revolution takes [us]; None where the azimuths show no plausible duration.
 
-        The duration is the time from the first azimuth to `end_us`, unless the rate of the azimuths shows that they do not
-        cover exactly one revolution.
+        The duration is the time from the first azimuth to `end_us`. If the rate of the azimuths shows that they do not cover
+        exactly one revolution, it is the duration of a whole revolution at this rate.
         """
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
         if measured is None:
@@ -74,7 +78,7 @@ class Azimuths:
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
     def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
-        """Makes a polar scan of these azimuths and their power (A, B), with times [s] since a start [us]."""
+        """Makes a polar scan of these azimuths and their power (A, B); its times [s] count from the stamp `start_us`."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
         return PolarScan(times, self.angles, power, self.valid)
 
@@ -82,20 +86,20 @@ class Azimuths:
 def repair_azimuths(
     stamps_us: NDArray[np.int64], ticks: NDArray[np.uint16], measured: NDArray[np.bool_], turn: int = TURN_TICKS
 ) -> Azimuths:
-    """Makes azimuths from raw times and encoder ticks.
+    """Makes azimuths from the raw times and encoder values of rows.
 
-    A time that breaks the order of the other times, and a tick above `turn` or against the sense of rotation, are replaced
-    by interpolation over the row number, and their rows are marked invalid.
+    Damaged rows are marked invalid, and their times or encoder values are interpolated between the other rows. A row is
+    damaged if its time breaks the order of the other times, or if its encoder value is above `turn` or runs backward.
 
     Args:
         stamps_us: (A,) raw times [us].
-        ticks: (A,) clockwise encoder values from straight ahead.
-        measured: (A,) True where the recording says that the azimuth was measured.
+        ticks: (A,) encoder values.
+        measured: (A,) True where the recording marks the azimuth as measured.
         turn: encoder ticks per revolution.
 
     Raises:
-        ValueError: there are fewer than two rows, fewer than half of the times or ticks are usable, or over half of the
-            ticks are equal.
+        ValueError: there are fewer than two rows, fewer than half of the times or encoder values are usable, or over half
+            of the encoder values are equal.
     """
     if len(stamps_us) < 2:
         raise ValueError(f"has {len(stamps_us)} azimuths, at least two are needed")
@@ -122,19 +126,19 @@ def repair_azimuths(
 
 
 def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Converts stamps (N,) since 1970 that are all in us or all in ns to us; a few may be damaged."""
+    """Returns stamps (N,) since 1970 in us; all given stamps are in us, or all are in ns, and a few may be damaged."""
     return stamps // 1000 if stamps.size and np.median(stamps) > FIRST_NS else stamps
 
 
 def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
-    """Spreads azimuths (count,) evenly over a revolution that begins straight ahead at a stamp [us]."""
+    """Returns `count` azimuths at even steps over a revolution that begins straight ahead at a stamp [us]."""
     fractions = np.arange(count) / count
     stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
     return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
 
 
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
-    """Returns the note that azimuths are spread evenly; `whose` says where the stamps come from: "file" or "header"."""
+    """Returns a note for the user that azimuths are spread evenly; `whose` is the origin of stamps: "file" or "header"."""
     return (
         "azimuths carry no stamps of their own and are spread evenly over the turn; "
         f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
@@ -145,10 +149,11 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
 def check_encoder(
     path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
 ) -> list[str]:
-    """Checks the assumed number of encoder ticks per revolution; if the encoder has fewer, revolutions seem to overlap.
+    """Checks the assumed number of encoder ticks per revolution.
 
-    Revolutions also seem to overlap if the radar slowly sweeps only a part of the circle. The number of ticks that they show
-    distinguishes the two cases, since encoders are made with only a few numbers of ticks.
+    If the encoder has fewer ticks, each revolution seems to last until after the next one has begun: revolutions seem to
+    overlap. They also seem to overlap if the radar sweeps only a part of the circle. The number of ticks that are swept
+    until the next revolution begins distinguishes the cases, since encoders are made with only a few numbers of ticks.
 
     Args:
         path: path of the recording, for errors.
@@ -157,10 +162,10 @@ def check_encoder(
         turn: encoder ticks per revolution that were assumed.
 
     Returns:
-        A list with a fault for the user if revolutions seem to overlap, but no encoder has as many ticks as they show.
+        A message for the user if revolutions seem to overlap but no encoder has as many ticks as are swept; else nothing.
 
     Raises:
-        DataError: revolutions seem to overlap, and an encoder with another number of ticks explains it.
+        DataError: revolutions seem to overlap, and an encoder with another number of ticks explains the overlap.
     """
     steps = np.diff(stamps_us)
     if len(steps) < _NEAR_STEPS:
@@ -177,18 +182,18 @@ def check_encoder(
 
 
 def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn: int = TURN_TICKS) -> Azimuths:
-    """Reads the azimuths of an image (A, 11 + B) of Oxford rows.
+    """Reads the azimuths of an image of Oxford rows.
 
-    A row begins with int64 time [us or ns], uint16 encoder (`turn` ticks a revolution, clockwise from straight ahead), both
-    little-endian, and a flag byte that is 255 where the azimuth was measured, unless the byte has another meaning.
+    A row begins with the time [us or ns] as an int64 and the encoder value as a uint16, both little-endian. A flag byte
+    follows, which in most recordings is 255 where the azimuth was measured, and then one byte of power per range bin.
 
     Args:
-        image: the rows.
-        flags_validity: whether the flag byte says which azimuths were measured.
+        image: (A, 11 + B) the bytes of the A rows, with B range bins.
+        flags_validity: whether the flag byte states which azimuths were measured.
         turn: encoder ticks per revolution.
 
     Raises:
-        ValueError: the rows are no Oxford rows.
+        ValueError: the rows are too short, or `repair_azimuths` cannot use their times and encoder values.
     """
     if image.shape[1] <= METADATA_BYTES:
         raise ValueError(f"has rows of {image.shape[1]} bytes, Oxford rows have {METADATA_BYTES + 1} at least")
@@ -200,7 +205,7 @@ def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn
 
 
 def has_times(image: NDArray[np.uint8]) -> bool:
-    """Returns whether the rows of an image (A, W) begin with the times of one revolution, whatever their angles."""
+    """Returns whether the rows of an image (A, W) begin with the times of one revolution; their angles do not matter."""
     if len(image) < 2 or image.shape[1] <= METADATA_BYTES:
         return False
     stamps = np.ascontiguousarray(image[:, :8]).view("<i8")[:, 0].astype(np.int64)
@@ -224,16 +229,10 @@ def azimuth_stamps(recording: Recording, polar_scan: PolarScan) -> NDArray[np.in
 
 
 def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int = 1) -> NDArray[np.uint8]:
-    """Makes the image (A, 11 + B) of Oxford rows of polar scan k, as `read_metadata` describes it.
-
-    Args:
-        recording: the recording.
-        k: number of the polar scan, for errors.
-        polar_scan: polar scan k.
-        per_us: units of the written time per microsecond: 1 to write us, 1000 to write ns.
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k; `per_us` is 1 to write times in us, 1000 for ns.
 
     Raises:
-        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
+        DataError: the azimuths of the polar scan run counter-clockwise, or there is only one.
     """
     stamps, ticks = azimuth_stamps(recording, polar_scan) * per_us, encode_azimuths(recording, k, polar_scan, TURN_TICKS)
     head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), ticks.astype("<u2").view(np.uint8).reshape(-1, 2)]
@@ -244,16 +243,11 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
 def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> NDArray[np.uint8]:
     """Makes the image (A, 11 + B) of Oxford rows of polar scan k with its up-chirps and, if it has any, its down-chirps.
 
-    Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as in Boreas-RT. It then cannot mark azimuths that
-    were not measured, so these are left out.
-
-    Args:
-        recording: the recording.
-        k: number of the polar scan, for errors.
-        polar_scan: polar scan k.
+    If there are down-chirps, the flag byte is 255 where the chirp goes up and 0 where it goes down, as in Boreas-RT. Then it
+    cannot mark azimuths that were not measured, so these are left out.
 
     Raises:
-        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
+        DataError: the azimuths of the polar scan run counter-clockwise, or there is only one.
     """
     if polar_scan.down is None:
         return make_rows(recording, k, polar_scan)
@@ -264,10 +258,10 @@ def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> 
 
 
 def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
-    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) from 0 to `turn`, the ticks per revolution.
+    """Encodes the azimuths of polar scan k as encoder values (A,) from 0 to `turn`, the ticks per revolution.
 
     Raises:
-        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
+        DataError: the azimuths of the polar scan run counter-clockwise, or there is only one.
     """
     if len(polar_scan.azimuths) < 2:
         raise DataError(recording.path, f"polar scan {k} has one azimuth, rows need two", "convert it to .npz")
@@ -279,7 +273,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
 
 
 def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks the longest subsequence of values that do not decrease among the entries that `candidates` (A,) marks."""
+    """Returns a mask (A,) of the longest non-decreasing subsequence of values (A,) that `candidates` (A,) marks."""
     mask = candidates.copy()
     if np.any(np.diff(values[candidates]) < 0):
         mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)

@@ -1,10 +1,10 @@
 """Finds the azimuths that a recorder lost, in polar images that do not mark them, and moves the other columns into place.
 
-A recorder of polar images fills one column after the other with the azimuths of a turn, in a buffer that it uses again for
-the next turn. Where it loses azimuths, all later ones lie too far left, and the last columns still show the turn before. So
-the last columns show how many azimuths were lost. The images before and after show where: at each azimuth and range, a
-scene that moves past the radar shifts by as much from the image before to this one as from this one to the image after.
-Where no such shift fits, azimuths are missing.
+A recorder of polar images fills the columns of a buffer with the azimuths of a turn, one after the other, and uses the same
+buffer for the next turn. Where it loses azimuths, all later azimuths lie too far left, and the last columns still show the
+turn before. So the last columns show how many azimuths were lost. The images before and after show where: at each azimuth
+and range, a moving scene shifts by the same number of columns from the image before to this image, and from this image to
+the image after. Where no such shift fits, azimuths are missing.
 """
 
 from __future__ import annotations
@@ -20,24 +20,27 @@ from mqslam.errors import DataError
 Image = NDArray[np.uint8]
 """Received power (R, A), one row per range bin and one column per azimuth."""
 
-_NEAR_SHARE = 36  # the nearest rows, one in this many, show the radar's own leakage rather than the scene
-_ROWS = 600  # about this many range bins of an image are compared; more give no better result
+_NEAR_SHARE = 36  # the nearest rows, one 36th of all, show the radar's own leakage rather than the scene
+_ROWS = 600  # about this many rows (range bins) of an image are compared; more give no better result
 _BANDS = 8  # number of bands of range, each of which shifts by its own amount from one image to the next
 _SPAN = 15  # columns that are compared together; fewer columns look like others by chance
 _FASTEST = 10  # most columns by which a scene shifts from one image to the next
-_STALE = 0.53  # a column that changed by less than this share of the usual change is a copy of the turn before: copies
-#               change by at most half of the usual change, by noise that the recorder adds, others by more than 0.6 of it
-_ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
+# A column that changed by less than this share of the usual change is a copy of the turn before. Copies change by at most
+# half of the usual change, by noise that the recorder adds; other columns change by more than 0.6 of the usual change.
+_STALE = 0.53
+_ALIKE = 0.75  # copies also change by less than this share of their own spread; columns of mere noise change by 1.4 of it
 _MOST_LOST = 3  # a turn seldom loses more azimuths
-_MOST_PLACED = 40  # beyond this number, losses are spread evenly: a search for their places could take minutes and gigabytes
-_KEPT = 8  # images that are kept in memory; restoring an image takes six
+_MOST_PLACED = 40  # if more azimuths are lost, they are spread evenly: to search for each could take minutes and gigabytes
+_KEPT = 8  # number of images that are kept in memory; restoring an image takes six
 
 
 class Restorer:
-    """Moves the columns of a series of images of one size to where they belong, and reads each image once.
+    """Moves the columns of successive images of one size to the azimuths that they show.
+
+    The last few images stay in memory, so that images that are restored in order are read only once.
 
     Args:
-        read: reads image k; raises DataError if it cannot be read.
+        read: reads image k (R, A); raises DataError if it cannot be read.
         count: number of images.
     """
 
@@ -48,10 +51,10 @@ class Restorer:
         self._first_source = keep(lambda k: self._find_source(k, self._spread_evenly))
 
     def restore(self, k: int) -> tuple[Image, NDArray[np.bool_]]:
-        """Moves the columns of image k to where they belong.
+        """Moves the columns of image k to the azimuths that they show.
 
         Returns:
-            The image (R, A), black where azimuths were lost, and the mask (A,) of the azimuths that were not lost.
+            The image (R, A), black where azimuths were lost, and a mask (A,), True where the azimuth was not lost.
 
         Raises:
             DataError: the image cannot be read.
@@ -64,27 +67,27 @@ class Restorer:
         return np.where(measured, image[:, source], 0).astype(np.uint8), measured
 
     def _is_there(self, k: int) -> bool:
-        """Returns whether there is an image k that can be read."""
+        """Returns whether image k exists and can be read."""
         try:
             return 0 <= k < self._number and self._image(k).size > 0
         except DataError:
             return False
 
     def _count(self, k: int) -> int:
-        """Counts the azimuths that image k lost; returns 0 where the image before is missing."""
+        """Counts the azimuths that image k lost; returns 0 if the image before does not exist or cannot be read."""
         return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
 
     def _spread_evenly(self, k: int) -> NDArray[np.int64]:
-        """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the revolution."""
+        """Returns the column that shows each azimuth (A,), -1 if lost, if the azimuths lost by image k are spread evenly."""
         azimuths, lost = self._image(k).shape[1], self._lost(k)
         return _list_sources(azimuths, np.arange(1, lost + 1) * azimuths // (lost + 1))
 
     def _find_source(self, k: int, of_neighbour: Callable[[int], NDArray[np.int64]]) -> NDArray[np.int64]:
-        """Returns which column (A,) of image k shows each azimuth, -1 where it was lost.
+        """Returns the column of image k that shows each azimuth (A,), -1 where the azimuth was lost.
 
         Args:
             k: number of the image.
-            of_neighbour: returns the same array, possibly a first estimate, for the image before or after.
+            of_neighbour: returns an estimate of the same array for the image before or after, given the image's number.
         """
         beside = (k - 1, k + 1)
         if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
@@ -97,15 +100,15 @@ class Restorer:
 
 
 def count_lost(before: Image, image: Image) -> int:
-    """Counts the columns at the end of an image that still show the revolution of the image before."""
+    """Counts the columns at the end of an image that still show the revolution before, which the image `before` shows."""
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
-        """Returns the RMS change (A,) of each column from the column that lies `shift` further right in the image before."""
+        """Returns the RMS difference (A,) of each column from the column `shift` further right in the image before."""
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 
-    # after a revolution that lost azimuths, most columns show another azimuth than in the image before
+    # if the revolution before lost azimuths, most columns of its image show another azimuth
     usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
     copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
     return int(np.argmin(copied[::-1]))
@@ -116,19 +119,19 @@ def place_losses(
 ) -> NDArray[np.int64]:
     """Finds where in a revolution azimuths were lost.
 
-    Each column gets a score for each number of azimuths that may have been lost before it. The score is the sum over bands
-    of range of the column's correlation with the images before and after, at the shift of the scene that suits the band
-    best. Along the revolution, the number of lost azimuths cannot decrease. Dynamic programming finds the numbers with the
-    greatest sum of scores.
+    For each number of azimuths that may have been lost before a column, the column is correlated with the images before and
+    after. In each band of range, the shift of the scene with the highest correlation counts, and these correlations are
+    summed to a score. Along the revolution, the number of lost azimuths cannot decrease. Dynamic programming finds the
+    numbers with the greatest sum of scores.
 
     Args:
-        before: (bands, rows, A) the image before, with its columns where they belong.
+        before: (bands, rows, A) the image before, with each column at the azimuth that it shows.
         bands: (bands, rows, A) the image.
-        after: (bands, rows, A) the image after, with its columns where they belong.
+        after: (bands, rows, A) the image after, with each column at the azimuth that it shows.
         lost: number of lost azimuths.
 
     Returns:
-        (lost,) the column before which each lost azimuth is missing, not decreasing.
+        Columns (lost,) of the image, not decreasing: right before each of them, one azimuth is missing.
     """
     azimuths, reach = bands.shape[2], _FASTEST + lost
     earlier, later = (_correlate(bands, other, reach) for other in (before, after))
@@ -151,7 +154,7 @@ def place_losses(
 
 
 def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns which column (A,) shows each azimuth, -1 if it was lost; `places` are the columns after lost azimuths."""
+    """Returns the column that shows each azimuth (A,), -1 if lost; one azimuth is lost before each of `places` (lost,)."""
     columns = np.arange(azimuths - len(places))
     source = np.full(azimuths, -1, dtype=np.int64)
     source[columns + np.searchsorted(places, columns, side="right")] = columns
@@ -159,29 +162,29 @@ def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]
 
 
 def _choose_rows(image: Image) -> NDArray[np.float32]:
-    """Returns the rows of an image that are compared, as many as can be cut into bands of equal size."""
+    """Returns the rows (rows, A) of an image that are compared; their number is a multiple of the number of bands."""
     near = image.shape[0] // _NEAR_SHARE
     rows = image[near :: max(1, image.shape[0] // _ROWS)]
     return rows[: max(1, len(rows) // _BANDS) * _BANDS].astype(np.float32)
 
 
 def _centre_columns(rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Subtracts its mean from each column of rows."""
+    """Returns rows (..., rows, A) after subtracting from each column its mean over the rows."""
     return np.asarray(rows - rows.mean(axis=-2, keepdims=True))
 
 
 def _cut_bands(image: Image) -> NDArray[np.float32]:
-    """Returns the power (bands, rows, A) of an image in bands of range; a band's columns have zero mean and unit norm."""
+    """Returns the power (bands, rows, A) of an image in bands of range, whose columns get zero mean and unit norm."""
     rows = _choose_rows(image)
     bands = _centre_columns(rows.reshape(min(_BANDS, len(rows)), -1, rows.shape[1]))
     return np.asarray(bands / np.sqrt((bands**2).sum(axis=1, keepdims=True) + 1e-6), dtype=np.float32)
 
 
 def _correlate(bands: NDArray[np.float32], other: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
-    """Correlates each column with the columns of another image that lie up to `reach` columns away.
+    """Correlates each column of bands (bands, rows, A) with the columns of another image's bands up to `reach` columns away.
 
     Returns:
-        (2 reach + 1, bands, A) correlation at each shift, averaged over the columns around each column.
+        Correlations (2 reach + 1, bands, A) at shifts from -reach to reach, averaged over the columns around each column.
     """
     from scipy.ndimage import uniform_filter1d
 

@@ -1,4 +1,7 @@
-"""Finds the durations of a radar's turns from the stamps of polar scans and, where there are any, of azimuths."""
+"""Finds the durations of a radar's turns from the stamps of polar scans and, where azimuths have stamps, from these.
+
+A step is the time from the stamp of one polar scan to the stamp of the next; a gap is a step of more than one turn.
+"""
 
 from __future__ import annotations
 
@@ -12,40 +15,40 @@ from mqslam.core.statistics import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
 USUAL_TURN_US = 250_000  # duration of a turn [us] that is assumed where a recording shows none
-# Number of successive steps between polar scans whose median is the usual duration of a turn. A recording with fewer steps
-# has too few for a median: its turns are measured one by one.
+# Number of successive steps whose median is the usual duration of a turn. A recording with fewer steps has too few for a
+# median: its turns are measured one by one.
 TURNS_AROUND = 9
-LONGEST_STEP = 1.5  # a step between polar scans longer than this many usual turns holds a gap: half a turn is missing
+LONGEST_STEP = 1.5  # a step longer than this many usual turns is a gap: at least half a turn is missing
 ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
-_FEWEST_AZIMUTHS = 8  # a polar scan of fewer azimuths does not show how fast they were swept
-# Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
-# low, because polar scans may be missing but never come early.
+_FEWEST_AZIMUTHS = 8  # fewer azimuths do not show how fast the radar turned
+# Quantile of the steps that counts as the duration of a turn in a recording of few polar scans. It is low, because polar
+# scans may be missing but never come early.
 _SHORT_SHARE = 0.25
 _RATE_CELL = 1.1  # steps are counted together to find turn rates if their durations differ by less than this factor
 _MOST_RATES = 8  # largest number of turn rates that a recording is assumed to have
-_WHOLE_TURN = 0.2  # a step counts as whole turns if it differs from them by at most this much [turns]
-# Costs of the assumptions that explain a step: a polar scan is missing (the unit of costs), it came late, it came early, or
-# the radar changed its rate.
+_WHOLE_TURN = 0.2  # a step counts as a whole number of turns if it differs from that by at most this much [turns]
+# Costs of the assumptions that explain a step: a polar scan is missing (the unit of costs), came late or came early, or the
+# radar changed its rate.
 _COST_MISSING, _COST_LATE, _COST_EARLY, _COST_RATE_CHANGE = 1.0, 1.5, 2.0, 4.0
-_COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast they were swept
-# Two azimuths are compared if they lie at least this share of their polar scan apart. Azimuths that are closer would show
-# the bursts in which a driver passes azimuths on.
+_COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast the radar turned
+# Two azimuths are compared if at least this share of the polar scan's azimuths lies between them. The stamps of closer
+# azimuths show the bursts in which a driver sends azimuths.
 _COMPARED_APART = 0.25
 Measure = Callable[[int], float | None]
 
 
 def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
-    """Measures how long a whole turn takes [us], at the rate at which azimuths were swept.
+    """Measures how long a whole turn takes [us], from the stamps and angles of azimuths.
 
-    The rate is the median over pairs of azimuths that lie well apart. Bursts of stamps, missing azimuths and a few late
-    stamps hardly change it.
+    The duration is the median over pairs of azimuths that lie well apart. Bursts of stamps, missing azimuths and a few late
+    stamps hardly change this median.
 
     Args:
-        stamps_us: (A,) [us], not decreasing, counted from any instant.
-        angles: (A,) [rad], unwrapped.
+        stamps_us: (A,) stamps of the azimuths [us], not decreasing, counted from any instant.
+        angles: (A,) angles of the azimuths [rad], unwrapped.
 
     Returns:
-        The duration, or None where there are too few azimuths, or where no radar turns that fast or that slowly.
+        The duration, or None if there are too few azimuths, or if no radar turns so fast or so slowly.
     """
     if len(angles) < _FEWEST_AZIMUTHS:
         return None
@@ -61,17 +64,16 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) ->
 
 
 def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
-    """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next; longer steps are gaps.
+    """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next.
 
-    The duration is found from the steps around each step, since a radar may change its rate. Where there are few steps, or
-    where polar scans are missing regularly, the steps alone do not show which of them are gaps. There the stamps of the
-    azimuths show it.
+    The duration is found from the steps around each step, since a radar may change its rate. If there are few steps, or if
+    polar scans are missing regularly, the steps alone do not show which of them are gaps; then the azimuths' stamps do.
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
-        measure: returns the duration of the turn of a polar scan, given by its number, from its azimuths' own stamps [us],
-            or None where these do not show it. It may have to read the polar scan, so it is called for every polar scan
-            only where there are few, else for one or two per turn rate.
+        measure: takes the number of a polar scan, and returns the duration [us] of its turn from the stamps of its azimuths,
+            or None if these show no duration. It may read the polar scan, so it is called for all polar scans only if there
+            are few, else for one or two per turn rate. Leave `measure` out if azimuths have no stamps.
     """
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):
@@ -90,16 +92,16 @@ def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = Non
 def place_turns(
     stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Returns starts (N,) and durations (N,) [us] of a radar's turns that have one stamp each.
+    """Returns starts (N,) and durations (N,) [us] of a radar's turns, which have one stamp each.
 
-    Where stamps are starts, a turn lasts until the next stamp; where they are ends, it has lasted since the stamp before.
-    Next to a gap, and at the end of a recording, a turn is taken to last as long as its neighbour, since the rate changes
+    If stamps are starts, a turn lasts until the next stamp; if stamps are ends, a turn has lasted since the stamp before. A
+    turn next to a gap, or at the end of a recording, is taken to last as long as the nearest turn, since the rate changes
     slowly.
 
     Args:
         stamps_us: (N,) increasing stamps of the turns [us].
         stamp: whether the stamps are starts or ends of turns.
-        usual_us: (N - 1,) usual duration of a turn at each step between stamps [us].
+        usual_us: (N - 1,) usual duration of a turn [us] at each step from one stamp to the next.
     """
     between = np.diff(stamps_us)
     if not len(between):
@@ -118,10 +120,9 @@ def place_turns(
 
 
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
+    """Finds the usual duration (M,) of a turn [us] at each of M steps [us].
 
-    Where steps are few, the result is one of the shortest steps: no radar delivers a polar scan sooner than it turns, while
-    polar scans may be missing.
+    If there are few steps, it is one of the shortest steps, since polar scans may be missing but never come early.
     """
     if len(steps) >= TURNS_AROUND:
         usual = _explain_steps(steps)
@@ -132,10 +133,10 @@ def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
+    """Finds the usual duration (M,) of a turn [us] at each of M steps [us], of which there are many.
 
-    The steps are explained by the sequence of turn rates that needs the cheapest assumptions: that polar scans are missing,
-    that a polar scan is late or early, or that the radar changes its rate.
+    The steps are explained by the sequence of turn rates that needs the assumptions with the lowest sum of costs: that a
+    polar scan is missing, late or early, or that the radar changes its rate.
     """
     rates = _collect_rates(steps)
     turns = steps[:, None] / rates
@@ -154,7 +155,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Collects durations of a turn (R,) [us] that may explain steps (M,) [us]: the most frequent that clearly differ."""
+    """Returns durations (R,) of a turn [us] that may explain steps (M,) [us]: frequent steps that clearly differ."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
@@ -169,11 +170,11 @@ def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:
-    """Finds the sequence (M,) of states with the lowest sum of costs, to which each change between states adds `change`.
+    """Finds the state (M,) at each of M steps for which the sum of the costs of states and of changes is lowest.
 
     Args:
         costs: (M, R) cost of each of R states at each step.
-        change: cost of a change of state.
+        change: cost of a change of state from one step to the next.
     """
     begins = np.flatnonzero(np.append(True, np.any(costs[1:] != costs[:-1], axis=1)))
     total, states = np.zeros(costs.shape[1]), np.arange(costs.shape[1])
@@ -191,13 +192,13 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses one or two polar scans whose measured duration represents some steps, such as all steps at one rate.
+    """Chooses the numbers of one or two polar scans whose measured durations represent some steps.
 
-    These are the first and the last polar scan of the recording if the steps include them; otherwise it is one in the
-    middle of the longest run of successive steps.
+    If the recording's first or last step is among the steps, these are its first or last polar scan (or both). Otherwise it
+    is a polar scan in the middle of the longest run of successive steps.
 
     Args:
-        steps: numbers of the steps, increasing.
+        steps: increasing numbers of the steps, such as all steps at one rate.
         count: number of all steps of the recording.
     """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
