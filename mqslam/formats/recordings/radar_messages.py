@@ -1,12 +1,14 @@
 """Reads and writes ROS messages of radars: polar images, compressed or not, with or without times and angles of azimuths.
 
-Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Some drivers, old and
-new, publish one azimuth per message (`RadarFftDataMessage` and its later names), whose fields are numbers or the bytes of
-numbers, the high byte first; the azimuths of one turn of the radar are gathered into one b-scan. These drivers also publish
-a RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
-radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit. Newer drivers
-also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), bin b is at the range
-b * bin_size * range_gain + range_offset [m].
+Messages are read in every layout of `AzimuthLayout`, and written in one of two: as images of Oxford rows, which begin with
+their time and angle (see `azimuths`), or as b-scans of Navtech's driver, which hold times and angles beside the image.
+
+Some drivers publish one message per azimuth (`RadarFftDataMessage` and its later names). The fields of such a message are
+numbers, or the bytes of numbers with the high byte first. The azimuths of one turn of the radar are gathered into a b-scan.
+These drivers also publish a RadarConfigurationMessage. Its `bin_size`, a number or the bytes of a number, is in metres or in
+tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the number itself shows its
+unit. Newer drivers also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), bin b
+begins at the range b * bin_size * range_gain + range_offset [m].
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ _COMPRESSIONS = ("PNG", "JPEG")
 _FIRST_TRIED = 10  # a topic is accepted if a polar scan is among this many messages at its beginning
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
 _FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short side
-_LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
+_LONG_SIDE = 3  # on an unknown topic, the long side of a polar image is at least this many times the short side
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
 _DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, old and new
@@ -61,7 +63,7 @@ _GIVE_RADAR = (
     f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar, /radar/polar or {_DRIVER[0]}, "
     f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
 )
-_B_SCAN_RANK = 4  # b-scans rank behind images on the usual names
+_B_SCAN_RANK = 4  # b-scans rank behind images on topics with the usual names
 _SUFFIXES = ("", "/compressed")
 _USUAL = [name + suffix for suffix in _SUFFIXES for name in (_NAVTECH, _MULRAN_PLAYER)]
 _RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
@@ -71,20 +73,20 @@ _RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
 
 Messages that carry the times and angles of their azimuths come before the driver's images, which carry none.
 """
-_FIRST_S = 1_000_000_000  # [s] a clock that shows less was never set, and counts from the start of the radar
+_FIRST_S = 1_000_000_000  # [s] a clock that shows less was never set: it counts from the start of the radar
 _NANOSECONDS = 1_000_000_000
 _SPLITS = 2**32  # parts per second in which `ntp_split_seconds` counts if it does not count nanoseconds
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
-_BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
+_BIN_M: Final = (0.005, 0.5)  # plausible lengths of a range bin [m]; bins are about 4 to 18 cm long
 _PER_M: Final = (1.0, 1e4)  # units per metre in which drivers state the length of a bin
-_GAIN: Final = (0.9, 1.1)  # a calibration changes ranges by less: other numbers, such as 0, state no calibration
-_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have at least one tick per azimuth, in 16 bits
+_GAIN: Final = (0.9, 1.1)  # plausible factors of a calibration; other numbers, such as 0, state no calibration
+_ENCODER_TICKS: Final = (400, 65536)  # an encoder has at least one tick per azimuth, and its values have 16 bits
 
 _Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded at [ns], encoder tick, stamp [ns], power (B,), frame
 
 
 class AzimuthLayout(Enum):
-    """Ways in which a message holds its azimuths."""
+    """Ways in which a message of a radar holds its azimuths."""
 
     OXFORD_ROWS = "rows that begin with their time and angle"
     ROWS = "rows"
@@ -108,12 +110,12 @@ class RadarTopic:
 
     @property
     def stamps_azimuths(self) -> bool:
-        """Whether a message says when every azimuth was measured."""
+        """Whether messages state the time and the angle of each azimuth."""
         return self.layout in (AzimuthLayout.OXFORD_ROWS, AzimuthLayout.B_SCAN)
 
     @property
     def usual_stamp(self) -> Stamp:
-        """Whether the only stamp of a message is usually the start or the end of the radar's turn.
+        """Whether messages that have only one stamp are usually stamped at the start or the end of the radar's turn.
 
         It is the end for MulRan's player and Navtech's driver, which send a polar scan when its turn is complete.
         """
@@ -122,7 +124,9 @@ class RadarTopic:
         return "end" if is_late else "start"
 
     def read_stamp(self, message: Any, logged_ns: int, clock: bags.Clock) -> int:
-        """Returns the stamp [us] of a message: its first azimuth's, else the header's, else the time of recording.
+        """Returns the stamp [us] of a message that was recorded at `logged_ns` [ns].
+
+        It is the stamp of the first azimuth, else the stamp that the clock reads in the header, else the time of recording.
 
         Raises:
             ValueError: the message's image cannot be used, or its times and angles are not those of a turn of the radar.
@@ -134,7 +138,7 @@ class RadarTopic:
         return clock.stamp(self.name, message, logged_ns)
 
     def read_power(self, message: Any) -> NDArray[np.uint8]:
-        """Reads the power (A, B) of a message, one row per azimuth.
+        """Reads the power (A, B) of a message: A azimuths by B range bins.
 
         Raises:
             ValueError: the message's image cannot be used.
@@ -163,7 +167,7 @@ class RadarTopic:
         return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
     def find_turn(self, message: Any) -> int:
-        """Returns the smallest usual number of encoder ticks per turn that fits a message, for bags that do not state it."""
+        """Returns the smallest usual number of encoder ticks per turn that is not below any encoder value of a message."""
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
         largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
@@ -173,16 +177,16 @@ class RadarTopic:
 def choose_topic(
     path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
 ) -> tuple[RadarTopic, list[str]]:
-    """Chooses the radar's topic; returns it with notes on the choice.
+    """Chooses the radar's topic, and returns it with notes for the user on the choice.
 
     Args:
         path: path of the bag.
         reader: reader of the open bag.
-        named: the topic that the user names, if any.
-        encoder: encoder ticks per turn, if they are known.
+        named: the topic that the user names; None chooses it by types and names, else by the shape of images.
+        encoder: encoder ticks per turn; None if the number is not known.
 
     Raises:
-        DataError: no topic holds polar scans, or several topics could be the radar's, or the named topic has no images.
+        DataError: no topic holds polar scans, several topics could be the radar's, or the named topic has no polar scans.
     """
     filled = [connection for connection in reader.connections if connection.msgcount]
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
@@ -208,7 +212,7 @@ def choose_topic(
 
 
 def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
-    """Chooses the topic whose first image looks like a radar's; raises a DataError unless exactly one topic does."""
+    """Chooses the topic whose first image looks like a polar image; raises a DataError unless there is one such topic."""
     first_messages: dict[str, tuple[Connection, Any]] = {}
     for connection in images:
         _, _, raw = next(reader.messages([connection]))
@@ -224,7 +228,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with the layout of its messages, found from its first message that is a polar scan."""
+    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if no early message is one."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -238,7 +242,7 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
-    """Finds the layout of a topic's messages from one of them; raises ValueError where that image cannot be used."""
+    """Finds the layout of a topic's messages from one message; raises ValueError if the image in it cannot be used."""
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return AzimuthLayout.B_SCAN
     image = _read_pixels(message)
@@ -256,12 +260,12 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
 
 
 def _is_twin(topic: str, other: str) -> bool:
-    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
+    """Returns whether two topics have the same name, apart from the ending `/compressed` of compressed copies."""
     return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
 
 
 def _find_other_depth(message: Any) -> str:
-    """Describes the fault of a grey image that does not have 8 bits; returns "" for other images, such as colour images."""
+    """Describes why a grey image that does not have 8 bits is refused; returns "" for all other messages."""
     try:
         _read_pixels(message)
     except NotGreyError as error:
@@ -272,7 +276,7 @@ def _find_other_depth(message: Any) -> str:
 
 
 def _looks_like_radar(message: Any) -> bool:
-    """Returns whether an image of an unknown topic is polar: it has Oxford rows, or one side is three times the other."""
+    """Returns whether an image looks polar: it has Oxford rows, or is large and much longer than it is wide."""
     try:
         image = _read_pixels(message)
     except ValueError:
@@ -310,8 +314,8 @@ def read_turns(
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
-    If the bag holds at most half of a turn of the radar, such as the first or last one, the turn is left out, unless the bag
-    has no other.
+    A turn of the radar is left out if at most half of it is in the bag, as may be at the bag's start and end. If no turn is
+    complete, what there is of the last turn is still yielded.
 
     Args:
         reader: reader of the open bag.
@@ -346,10 +350,10 @@ def read_turns(
 
 
 def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
-    """Deserialises a message that `read_turns` yields; a gathered b-scan needs no deserialising.
+    """Deserialises a message that `read_turns` yields, given its bytes or a gathered b-scan, which is returned as it is.
 
     Raises:
-        ValueError: the bytes are not those of a message of its type.
+        ValueError: the bytes do not fit the type of the message.
     """
     return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
 
@@ -357,8 +361,8 @@ def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
 def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
     """Returns how many of the gathered azimuths form a complete turn of the radar, or None while that turn goes on.
 
-    A turn ends where the encoder falls and stays low for the following azimuth, too, since a single value may be damaged. It
-    also ends where it would become too large for an image.
+    A turn ends where the encoder value falls and is still low at the following azimuth; a single low value may be damaged. A
+    turn also ends where it would become too large for an image.
     """
     if len(gathered) < 2:
         return None
@@ -373,13 +377,13 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep more than half of a turn; `largest` is the largest encoder value of a turn."""
+    """Returns whether azimuths sweep more than half of a turn, whose largest encoder value is `largest`."""
     ticks = [tick for _, tick, *_ in azimuths]
     return 2 * (max(ticks) - min(ticks)) > largest
 
 
 def _read_azimuth(message: Any, logged: int) -> _Azimuth:
-    """Reads a message of one azimuth; raises AttributeError where it lacks a field, ValueError where a field is empty."""
+    """Reads a message of one azimuth, recorded at `logged` [ns]; raises AttributeError or ValueError for a bad field."""
     power = np.asarray(message.data, dtype=np.uint8)
     if power.ndim != 1 or not power.size:
         raise ValueError("holds no power")
@@ -394,7 +398,7 @@ def _read_azimuth(message: Any, logged: int) -> _Azimuth:
 
 
 def _read_number(stated: Any) -> int:
-    """Reads an unsigned number that a field states as a number or as its bytes; raises ValueError if there are no bytes."""
+    """Reads an unsigned number from a field that holds the number or its bytes; raises ValueError if there are no bytes."""
     if np.ndim(stated) == 0:
         return int(stated)
     content = np.asarray(stated, dtype=np.uint8).tobytes()
@@ -404,9 +408,9 @@ def _read_number(stated: Any) -> int:
 
 
 def _make_turn(azimuths: list[_Azimuth]) -> Any:
-    """Gathers azimuths in a message like a b-scan of Navtech's driver.
+    """Makes a message like a b-scan of Navtech's driver from the azimuths of one turn.
 
-    Azimuths whose number of bins is not the most frequent one are left out.
+    Azimuths with another number of range bins than most are left out.
     """
     widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
     width = int(widths[counts.argmax()])
@@ -432,11 +436,11 @@ def _make_turn(azimuths: list[_Azimuth]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class StatedRanges:
-    """The length of range bins, and their calibration, that a configuration message of a bag states.
+    """What a configuration message of a bag states about the radar's range bins.
 
     Args:
         topic: topic of the message.
-        bin_length: length of a range bin [m], calibrated where the message states a calibration.
+        bin_length: length of a range bin [m], multiplied by the calibration's factor where the message states one.
         near_end: range of the near end of bin 0 [m]; None where the message states no calibration.
     """
 
@@ -446,7 +450,7 @@ class StatedRanges:
 
 
 def read_ranges(reader: AnyReader) -> StatedRanges | None:
-    """Reads the ranges from the first configuration message of a bag that states the length of a bin; None if none does."""
+    """Returns what the first configuration message with a plausible length of a bin states; None if there is none."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:
@@ -457,26 +461,26 @@ def read_ranges(reader: AnyReader) -> StatedRanges | None:
 
 
 def _read_calibration(message: Any) -> tuple[float, float | None]:
-    """Returns the factor on ranges and the range of the near end of bin 0 [m] from a message; 1 and None if not stated."""
+    """Returns the factor on ranges and the range of the near end of bin 0 [m] in a message; 1.0 and None if not stated."""
     stated = (_list_numbers(getattr(message, name, 0)) for name in ("range_gain", "range_offset"))
-    for gain, near_end in zip(*stated, strict=False):  # the bytes of both have the same order
+    for gain, near_end in zip(*stated, strict=False):  # the bytes of both numbers have the same order
         if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(near_end):
             return gain, near_end
     return 1.0, None
 
 
 def read_encoder_size(reader: AnyReader) -> int | None:
-    """Reads the encoder ticks per turn of the radar; returns None where no message of an open bag states them."""
+    """Reads the radar's encoder ticks per turn from an open bag; returns None if no message states this number."""
     for _, message in _read_configurations(reader):
         numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
         sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
-        if sizes:  # the radar sends the high byte first, and `_list_numbers` reads this order last
+        if sizes:  # the radar sends the high byte first, and `_list_numbers` yields the number in this order last
             return next((size for size in sizes if size in _ENCODER_TURNS), sizes[-1])
     return None
 
 
 def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
-    """Yields the topic and the content of each configuration message of a bag; skips the rest of a topic that is damaged."""
+    """Yields the topic and the content of each configuration message of a bag, up to the first damaged one of a topic."""
     for connection in reader.connections:
         if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
             for _, _, raw in reader.messages([connection]):
@@ -487,7 +491,7 @@ def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
 
 
 def _list_numbers(stated: Any) -> Iterator[float]:
-    """Yields the numbers that a field may stand for: the field itself, or its bytes as numbers in either byte order."""
+    """Yields the numbers that a field may state: the field itself if it is a number, else its bytes in both byte orders."""
     if np.ndim(stated) == 0:
         yield float(stated)
         return
@@ -499,7 +503,7 @@ def _list_numbers(stated: Any) -> Iterator[float]:
 
 
 def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
-    """Makes a mono8 image message from polar scan k, whose rows begin with their time and angle as in Oxford's images.
+    """Makes a mono8 image message of Oxford rows from polar scan k.
 
     Raises:
         DataError: the polar scan turns counter-clockwise, or readers would not recognise the rows.
@@ -515,7 +519,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
 
 
 def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
-    """Makes a b-scan of Navtech's driver from polar scan k, with the encoder whose ticks fit its azimuths best.
+    """Makes a b-scan of Navtech's driver from polar scan k, with the usual number of encoder ticks that fits its azimuths.
 
     Raises:
         DataError: the polar scan turns counter-clockwise.
@@ -527,7 +531,10 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the encoder's ticks per turn: the larger number if only it fits the azimuths and some tick needs it."""
+    """Chooses the encoder ticks per turn: the larger usual number if only this fits the azimuths and a reader can see it.
+
+    Readers take the smaller number unless an encoder value is above it.
+    """
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))
@@ -536,7 +543,7 @@ def _choose_encoder(polar_scan: PolarScan) -> int:
 
 
 def _make_mono8(bag: Bag, stamp_us: int, pixels: NDArray[np.uint8]) -> Any:
-    """Makes a mono8 image of pixels (H, W)."""
+    """Makes a mono8 image message from pixels (H, W), with a stamp [us]."""
     height, width = pixels.shape
     header = bag.header(stamp_us, RADAR_FRAME)
     return bag.make(IMAGE_TYPE, header, height, width, "mono8", 0, width, pixels.reshape(-1))

@@ -1,8 +1,8 @@
 """Reads and writes recordings in ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`.
 
-A bag holds the radar's messages, odometry, ground truth and sensors. Bags are written with radar on /Navtech/Polar or
-/radar_data/b_scan_msg, odometry on /odom, ground truth on /ground_truth and sensors on the topics of
-`mqslam.formats.sensors.ros_sensors`.
+A bag holds the messages of the radar, odometry, ground truth and the other sensors. Bags are written with the radar on
+/Navtech/Polar or /radar_data/b_scan_msg, odometry on /odom, ground truth on /ground_truth and the other sensors on the
+topics of `mqslam.formats.sensors.ros_sensors`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ RANGE_RESOLUTION_M = 0.0438  # as in Oxford's recordings; assumed where a bag do
 ODOMETRY_TOPIC = "/odom"
 TRUTH_TOPIC = "/ground_truth"
 _TOPICS = {"image": ("/Navtech/Polar", bags.IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", bags.B_SCAN_TYPE)}
-_Entry = tuple[int, "Connection", Any]  # stamp [us], topic, message
+_Entry = tuple[int, "Connection", Any]  # stamp [us], connection of the topic, message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +55,9 @@ class RosbagRecording(Recording):
 
     Args:
         radar: the radar's topic.
-        messages_us: (N,) int64 [us], stamp of the message of each polar scan: the start or the end of the radar's turn.
-        logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
-        clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
+        messages_us: (N,) int64 [us], stamp of the message of each polar scan, as `RadarTopic.read_stamp` returns it.
+        logged_ns: (N,) int64 [ns], time at which the message of each polar scan was recorded.
+        clockwise: whether azimuths follow one another clockwise, seen from above, if messages do not state their angles.
     """
 
     radar: RadarTopic
@@ -91,13 +91,13 @@ class RosbagRecording(Recording):
         raise DataError(self.path, f"polar scan {k} on {topic} is gone: the bag has changed", "open the bag again")
 
     def _until(self, connections: list[Connection], stop: int) -> int | None:
-        """Returns the time [ns] up to which the polar scans before `stop` were recorded; None for the end of the bag."""
+        """Returns the time [ns] before which the polar scans k < stop were recorded; None for the end of the bag."""
         if not any(connection.msgtype.endswith(bags.FFT_NAMES) for connection in connections):
             return int(self.logged_ns[stop - 1]) + 1
         return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
-        """Makes polar scan k from its message."""
+        """Makes polar scan k from its message or gathered b-scan."""
         power = self.radar.read_power(message)
         if self.radar.stamps_azimuths:
             azimuths = self.radar.read_azimuths(message)
@@ -111,7 +111,7 @@ recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of sensors stay in memory."""
+    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of other sensors stay in memory."""
     with bags.open_bag(path) as reader:
         if sensing.topics.radar is None and laserscan.holds_scans(reader):
             raise OfLidarError(path)
@@ -195,12 +195,14 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The frames of a bag, which show what its poses belong to: the radar, the vehicle or another part of the vehicle.
+    """The frames of a bag, which show whose poses a topic holds: the radar's, the vehicle's or another frame's.
+
+    In the methods, `frame` is the name of the frame whose poses a topic holds, "" if the messages do not name it.
 
     Args:
-        radar: frame of the radar's messages.
-        mount: where the radar sits on the vehicle, or None where the bag does not state it.
-        placed: the transforms that never change.
+        radar: name of the frame of the radar's messages.
+        mount: where the radar sits on the vehicle; None if the bag does not state it.
+        placed: the transforms of the bag that never change.
     """
 
     radar: str
@@ -208,10 +210,10 @@ class Frames:
     placed: Mounts
 
     def place_odometry(self, odometry: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns odometry of the vehicle if the mount is known, else odometry of the radar, and a note on this choice.
+        """Returns odometry as poses of the vehicle if the mount is known, else as poses of the radar, and a note on this.
 
-        If the mount is known, odometry that names no frame, or a frame without a transform, is taken as the motion of the
-        vehicle, since its wheels measure it.
+        If the mount is known, odometry without a frame, or with a frame that no transform places, is taken as the motion of
+        the vehicle, since it usually comes from the vehicle's wheels.
         """
         if self.mount is None:
             return odometry, f"odometry from {topic} is taken as the motion of the radar itself"
@@ -221,7 +223,7 @@ class Frames:
         return odometry.attach(se2.inverse(on_vehicle)), f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth, converted to poses of the radar if transforms connect its frame to the radar, and a note."""
+        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this."""
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
@@ -234,25 +236,31 @@ class Frames:
         return truth.attach(to_radar), note
 
     def is_of_vehicle(self, frame: str) -> bool:
-        """Returns whether a frame is the vehicle's own; False if the bag states where the radar sits on the vehicle."""
+        """Returns whether a frame is the vehicle's own frame; always False if the bag states the radar's mount."""
         on_vehicle = self._find(frame)
         apart = name_frame(frame) != name_frame(self.radar)
         return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
 
     def _find(self, frame: str) -> se2.Array | None:
-        """Returns the pose (3,) of a frame on the vehicle, or None where no finite transforms place it."""
+        """Returns the pose (3,) x, y [m], yaw [rad] of a frame on the vehicle; None if no finite transforms state it."""
         pose = self.placed.find(frame) if frame else None
         return pose if pose is not None and np.isfinite(pose).all() else None
 
 
 @dataclass(slots=True)
 class _Index:
-    """The result of one pass over a bag: stamps of polar scans, unreadable messages of the radar, and poses.
+    """The result of one pass over the N readable messages of the radar and the messages of other topics.
 
-    If azimuths carry stamps, two durations of each turn of the radar are listed: `turns_us` by the span of the azimuths,
-    `measured_turns_us` by their rate alone; None where the azimuths do not show it. `unread` counts the unreadable messages,
-    and `error` is the error of the first one. `radar_frame` is the first frame that the radar's messages name. `turn_ticks`
-    is the number of encoder ticks that is taken as a turn if the bag and the user state none.
+    Args:
+        stamps_us: N stamps [us].
+        logged_ns: N times of recording [ns].
+        turns_us: if azimuths carry stamps, the N durations of `Azimuths.find_duration` [us]; else empty.
+        measured_turns_us: if azimuths carry stamps, the N durations of `Azimuths.measure_turn` [us]; else empty.
+        unread: number of unreadable messages of the radar.
+        error: error of the first unreadable message; None if all are readable.
+        poses: the poses on the topics of odometry and ground truth.
+        radar_frame: first frame that the radar's messages name; "" if there is none.
+        turn_ticks: encoder ticks per turn that are assumed if the bag and the user state none.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -267,7 +275,7 @@ class _Index:
 
 
 def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
-    """Returns the length of a range bin and the range offset of the bins' centres [m], with notes on both."""
+    """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both."""
     notes, resolution, offset = [], sensing.range_resolution, 0.0
     if resolution is None and stated is not None:
         resolution = stated.bin_length
@@ -283,7 +291,7 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth: those that the user names, else by type and name."""
+    """Chooses the topics of odometry and of ground truth: by the user, else by type and name; None if there is none."""
     typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
     chosen = (named.odometry, named.truth)
     for topic in chosen:
@@ -298,7 +306,10 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path, reader: AnyReader, radar: RadarTopic, pose_topics: set[str | None], sensors: RosSensors
 ) -> _Index:
-    """Reads the messages of the radar and of the pose topics in one pass, and adds those of the sensors to `sensors`."""
+    """Reads the messages of the radar and of poses in one pass, and adds the messages of other sensors to `sensors`.
+
+    Raises the error of the radar's first unreadable message if more than half of the radar's messages cannot be read.
+    """
     index = _Index()
     read = [c for c in reader.connections if c.topic == radar.name or c.topic in pose_topics or sensors.reads(c.topic)]
     for connection, logged, raw in read_turns(reader, reader.messages(read), radar.name):
@@ -330,12 +341,12 @@ def _read_index(
 
 
 def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a bag; see `Target`.
+    """Writes a recording as a bag, as `Target.write` describes it.
 
     Args:
         kind: one of `mqslam.formats.bags.KINDS`.
         message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout; `b_scan`
-            for the messages of Navtech's driver, which do not say whether an azimuth was measured.
+            for messages of Navtech's driver, which do not state whether an azimuth was measured.
         out: the file or folder.
         recording: the recording.
     """
@@ -362,7 +373,10 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Yields the poses of a moving frame in a fixed frame as odometry messages, with the mean twists between them."""
+    """Yields poses as odometry messages, with the mean twist until the next pose.
+
+    `frames` are the names of the fixed frame and of the frame whose poses these are.
+    """
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
