@@ -1,4 +1,4 @@
-"""Opens recordings of radars in all known layouts: one module per layout reads it, and some modules also write it."""
+"""Opens radar recordings in all known layouts; one module per layout reads and writes the recordings in that layout."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FORMATS = {
     "boreas": "mqslam.formats.recordings.boreas",
     "mulran": "mqslam.formats.recordings.mulran",
     "radiate": "mqslam.formats.recordings.radiate",
-    "oxford": "mqslam.formats.recordings.oxford",  # after boreas, whose recordings this layout would recognise, too
+    "oxford": "mqslam.formats.recordings.oxford",  # after boreas: it recognises recordings of Boreas, too
     "rosbag": "mqslam.formats.recordings.rosbag",
     "native": "mqslam.formats.recordings.native",
 }
@@ -54,19 +54,19 @@ def open_recording(
     Args:
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
-        range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
-        range_offset: true range of an object at rest minus the range of the bin's centre [m]; None takes what the recording
-            states, else 0.
-        clockwise: whether the radar spins clockwise, seen from above; None takes the order in which the azimuths follow one
-            another, or the layout's default.
-        stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
-            layout's default.
-        topics: topics of a bag to read, where the types and names of topics do not show which ones to choose.
-        encoder_size: encoder ticks per revolution, where azimuths carry encoder values; None takes the number that the
-            recording states, else that of Navtech's radars.
+        range_resolution: length of a range bin [m]; None takes the length from the recording or the layout's default.
+        range_offset: true range of an object at rest minus the range of the centre of its bin [m]; None takes the offset
+            from the recording or the layout's default.
+        clockwise: whether the radar spins clockwise, seen from above; None takes the direction of the azimuths' angles or,
+            where azimuths carry no angles, the layout's default.
+        stamp: whether a polar scan is stamped at the start or the end of its revolution, for layouts whose azimuths carry no
+            stamps; None takes the layout's default.
+        topics: topics of a bag that hold polar scans, odometry and ground truth, unless type and name are to choose them.
+        encoder_size: encoder ticks per revolution, for layouts whose azimuths carry encoder values; None takes the number
+            that the recording states, else the number that Navtech's radars have.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
+        ConfigError: the format is unknown, or the range resolution or the range offset is no plausible length.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
         OfLidarError: the path holds a recording of a planar lidar.
     """
@@ -93,17 +93,17 @@ def open_recording(
 
 
 def list_targets() -> list[Target]:
-    """Lists the layouts that recordings can be written in."""
+    """Returns all layouts that a recording can be written in."""
     return [target for format in FORMATS for target in getattr(_load(format), "TARGETS", ())]
 
 
 def _load(format: str) -> Layout:
-    """Imports the module of a layout."""
+    """Imports and returns the module that reads a layout, given the name of the layout in `FORMATS`."""
     return cast(Layout, importlib.import_module(FORMATS[format]))
 
 
 def _find_root(path: Path) -> Path:
-    """Returns the root folder of a recording: the path itself or, if the path is a folder of images, the folder above it."""
+    """Returns the root of a recording: the first of the path and the folders above whose name is not in `_IMAGE_FOLDERS`."""
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:
         root = root.parent
@@ -111,14 +111,14 @@ def _find_root(path: Path) -> Path:
 
 
 def _is_result(path: Path) -> bool:
-    """Returns whether a path is a folder that holds the result of a command, or the keyframes of a map."""
+    """Returns whether a path is a folder that mqslam wrote: the result of a command, or the keyframes of a map."""
     summaries = ("summary.json", "audit.json", "compare.json")
     written = (path / "config.yaml").is_file() and any((path / name).is_file() for name in summaries)
     return written or all((path / name).is_file() for name in ("index.json", "keyframes.npy"))
 
 
 def _guess_layout(path: Path) -> Layout:
-    """Returns the first layout that recognises the path."""
+    """Returns the first layout that recognises a path; raises a DataError that says what the path is if no layout does."""
     for format in FORMATS:
         layout = _load(format)
         if layout.recognises(path):

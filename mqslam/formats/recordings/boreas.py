@@ -1,13 +1,15 @@
-"""Reads and writes the layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
+"""Reads and writes the layouts Boreas and Boreas-RT: images `radar/<t>.png`, with folders `calib/` or `applanix/` beside.
 
-Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and issue 44. An image and
-its pose are stamped in the middle of the revolution (row floor(A / 2) - 1). Bin b is at the range b * resolution +
-radar_offset. Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` takes points of frame b to frame a.
-The Applanix frame is x right, y forward, z up; the radar's is x forward, y right, z down.
+A row of an image is an Oxford row: time, angle and power of one azimuth (see `azimuths`). An image and its pose are stamped
+in the middle of the revolution, at row floor(A / 2) - 1 of A. Range bin b begins at the range b * resolution + radar_offset.
+Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` transforms points from frame b to frame a. The
+Applanix frame is x right, y forward, z up; the radar's frame is x forward, y right, z down.
 
-Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution that
-the ground truth also comes from; for Boreas-RT, the authors advise against that file for the same reason. So the file is
-read only where a user names it. The odometry comes from a gyroscope and the wheel encoder of Boreas-RT (`boreas_wheel`).
+Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution from
+which the ground truth was also made; for Boreas-RT, the authors advise against this file for the same reason. So
+applanix/imu.csv is read only if a user names it. Odometry is made from a gyroscope and the wheel encoder of Boreas-RT.
+
+Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and its issue 44.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ UPGRADE_US = 1_632_182_400_000_000
 """2021-09-21, when another radar was mounted."""
 _RADAR = "Boreas's radar at that date"
 _RADAR_OFFSET_M = -0.31  # range of the near end of bin 0, by Navtech and the data set's own experiment
-_MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among others
+_MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among other values
 RANGE_RESOLUTION_BEFORE_M = 0.0596
 RANGE_RESOLUTION_M = 0.04381
 """Lengths of a range bin [m] that the data set publishes for the two radars."""
@@ -50,13 +52,13 @@ _COLUMNS = "GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pit
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path looks like an Oxford recording with a folder `calib` or `applanix` beside its images."""
+    """Returns whether a path looks like an Oxford recording with a folder `calib` or `applanix` beside its image folder."""
     root = oxford.find_image_folder(path).parent
     return oxford.recognises(path) and any((root / name).is_dir() for name in ("calib", "applanix"))
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording of Boreas: reads names, the first and the last image, poses and sensors."""
+    """Indexes a recording of Boreas: reads the names of the images, a few of the images, the poses and the other sensors."""
     folder = oxford.find_image_folder(path)
     root = folder.parent
     recording = open_rows(
@@ -87,7 +89,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> RowImageRecording:
-    """Adds odometry from a wheel encoder and the gyroscope to a recording, or a note on what is missing for it."""
+    """Returns a recording with odometry from a wheel encoder's file and its gyroscope, or with a message why it has none."""
     gyroscope, place = recording.gyroscope, calibration / "T_applanix_wheel.txt"
     if gyroscope is None or (recording.mount is not None and not place.exists()):
         missing = "a gyroscope besides applanix/imu.csv" if gyroscope is None else str(place)
@@ -109,7 +111,9 @@ def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> R
 
 
 def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
-    """Reads the range [m] of the near end of bin 0; returns the usual range, with a note, if the file does not exist.
+    """Returns the range [m] of the near end of bin 0, and a list with a note if the file of calibrations does not exist.
+
+    If the file does not exist or does not state this range, the usual range is returned.
 
     Raises:
         DataError: the file cannot be read, or states an offset that is too large for a radar.
@@ -122,10 +126,10 @@ def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
 
 
 def _read_stated(file: Path, name: str, fits: Callable[[float], bool]) -> float | None:
-    """Reads a number of the file of calibrations; returns None where the file or the number is missing.
+    """Reads the number with a name from a file of calibrations; returns None where the file or the number is missing.
 
     Raises:
-        DataError: the file cannot be read, or the number does not fit.
+        DataError: the file cannot be read, or `fits` returns False for the number.
     """
     if not file.exists():
         return None
@@ -142,7 +146,7 @@ def _read_stated(file: Path, name: str, fits: Callable[[float], bool]) -> float 
 
 
 def _find_fixes(root: Path) -> Path | None:
-    """Returns the file of the GNSS fixes, or None where no file has columns of latitude and longitude."""
+    """Returns the file of the GNSS fixes, or None if no file has columns of time, latitude and longitude."""
     for name in ("gps_post_process.csv", "gps.csv"):
         file = root / "applanix" / name
         if file.exists() and {"gpstime", "latitude", "longitude"} <= set(read_header(file, "repair or remove it").names):
@@ -151,10 +155,7 @@ def _find_fixes(root: Path) -> Path | None:
 
 
 def _read_mount(calibration: Path) -> Mount | None:
-    """Reads the planar pose of the radar on the vehicle, converted from the Applanix frame to REP 103.
-
-    Returns None if the calibration files do not state it.
-    """
+    """Reads the pose of the radar on the vehicle in the axes of REP 103; None if no file of calibrations states the pose."""
     direct = calibration / "T_applanix_radar.txt"
     to_lidar, from_lidar = calibration / "T_applanix_lidar.txt", calibration / "T_radar_lidar.txt"
     if direct.exists():
@@ -175,12 +176,12 @@ def _find_resolution(start_us: int) -> float:
 
 
 def _read_poses(file: Path) -> Trajectory:
-    """Reads the poses of the radar (x forward, y right, z down) in a frame of east, north and up as planar poses of REP 103.
+    """Reads the poses of the radar as planar poses: x east and y north [m], yaw [rad] counter-clockwise from east.
 
-    Columns: stamp, easting, northing, altitude [m], three velocities, roll, pitch, heading [rad], three rates; and
-    C_enu_radar = R1(roll) R2(pitch) R3(heading), where the rotations R1, R2 and R3 turn the axes, not the vectors. Roll is
-    near pi, so the heading goes counter-clockwise from east as yaw does. The yaw is computed exactly, as the direction of
-    the radar's x axis.
+    The columns are stamp, easting, northing, altitude [m], three velocities, roll, pitch, heading [rad] and three rates. The
+    rotation from the radar's frame (x forward, y right, z down) to east, north and up is R1(roll) R2(pitch) R3(heading),
+    where R1, R2 and R3 rotate the axes, not the vectors. Roll is near pi, so that the heading counts counter-clockwise from
+    east. The yaw is the exact direction of the radar's x axis.
     """
     stamps, table = read_stamped(file, [1, 2, 7, 8, 9])
     easting, northing, roll, pitch, heading = table.T
@@ -204,9 +205,9 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) -> list[str]:
-    """Writes the poses of the polar scans that ground truth covers, at the stamps (N,) [us] of their images.
+    """Writes the ground truth at the stamps (N,) [us] of the images, and returns notes for the user.
 
-    The radar's frame is x forward, y right, z down in a frame of east, north and up: roll is pi and the heading is the yaw.
+    Images outside the ground truth are left out. The roll is pi, so that the heading is the yaw (see `_read_poses`).
     """
     stamps = middles[(middles >= truth.stamps_us[0]) & (middles <= truth.stamps_us[-1])]
     if len(stamps) < 2:

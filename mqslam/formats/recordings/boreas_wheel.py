@@ -1,12 +1,11 @@
-"""Reads the wheel encoder of Boreas-RT (`applanix/dmi.csv`), and makes odometry from it and a gyroscope.
+"""Reads the wheel encoder of Boreas-RT (`applanix/dmi.csv`), and makes odometry from its counts and a gyroscope.
 
-Source: github.com/utiasASRL/pyboreas, DATA_RT_REFERENCE.md, pyboreas/data/auxsensors.py and pyboreas/data/calib.py. The
-columns are GPSTime [s] and pulse_count. The devkit compares GPSTime with the stamps of the other sensors, so it counts from
-1970 as they do. The encoder sits on the rear left wheel, has 1024 pulses per turn of the wheel, and begins again at zero
-after 2^24 pulses.
+The columns are GPSTime [s] and pulse_count. The devkit compares GPSTime with the stamps of the other sensors, so GPSTime
+counts from 1970, too. The encoder sits on the rear left wheel and has 1024 pulses per turn of the wheel. Its count begins
+again at zero after 2^24 pulses. The encoder measures how far the wheel rolls, and the gyroscope how the vehicle turns. Since
+a rear wheel does not move sideways, both together give the motion of this wheel.
 
-The wheel shows how far it rolls, and the gyroscope how the vehicle turns. A rear wheel does not move sideways, so both
-together give the motion of this wheel.
+Source: github.com/utiasASRL/pyboreas, DATA_RT_REFERENCE.md, pyboreas/data/auxsensors.py and pyboreas/data/calib.py.
 """
 
 from __future__ import annotations
@@ -43,17 +42,20 @@ def is_wheel_radius(metres: float) -> bool:
 
 @untrusted.reads_file
 def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, radar: Recording) -> Reading[Trajectory]:
-    """Reads a wheel encoder, and chains its travel and the turns of a gyroscope to the trajectory of the vehicle.
+    """Reads a wheel encoder, and combines its travel with the rotation of a gyroscope into a trajectory of the vehicle.
+
+    The trajectory has a pose at each stamp of the gyroscope within the encoder's time.
 
     Args:
         path: the file of the wheel encoder.
         radius_m: radius of the wheel [m].
-        wheel: where the wheel sits on the vehicle.
-        gyroscope: the gyroscope whose yaw rate is used, with the axes of the vehicle.
-        radar: the recording, for the time that it spans.
+        wheel: pose of the wheel on the vehicle.
+        gyroscope: the gyroscope, whose axes are those of the vehicle.
+        radar: the radar's recording, for its start and end.
 
     Raises:
-        DataError: the file cannot be read, holds a count that no wheel makes, or shares no time with radar and gyroscope.
+        DataError: the file cannot be read or holds fewer than two readings, the counts imply a speed that no car reaches, or
+            the readings share no time with the radar or the gyroscope.
     """
     header = read_header(path, _REMEDY)
     table = read_sensor_table(header, header.find(("gpstime", "pulse_count"), _REMEDY))

@@ -26,12 +26,12 @@ _REMEDY = "convert it to a layout that keeps times and angles: oxford, boreas, m
 
 @dataclass(frozen=True, slots=True)
 class ColumnImages:
-    """The images of a recording, whose names are numbers.
+    """The images `<name>.png` of a recording, whose names are numbers.
 
     Args:
         folder: folder of the images.
-        names: (N,) int64, names of the images.
-        digits: number of digits to which names are padded with zeros.
+        names: (N,) int64, the numbers that name the images.
+        digits: number of digits to which the names of the files are padded with zeros.
     """
 
     folder: Path
@@ -43,10 +43,10 @@ class ColumnImages:
         return self.folder / f"{str(name).zfill(self.digits)}.png"
 
     def read_shape(self, name: int) -> tuple[int, int]:
-        """Reads the number of range rows and of azimuth columns of an image.
+        """Reads the numbers of rows (range bins) and of columns (azimuths) of an image.
 
         Raises:
-            DataError: the image cannot be read, or is not polar.
+            DataError: the image cannot be read, has fewer than two columns, or has more columns than rows.
         """
         rows, columns = read_grey(self.path(name)).shape
         if not 2 <= columns <= rows:
@@ -61,7 +61,7 @@ class ColumnImageRecording(Recording):
 
     Args:
         images: the images, one per polar scan.
-        shape: number of range rows and number of azimuth columns of every image.
+        shape: number of rows (range bins) and number of columns (azimuths) of every image.
         clockwise: whether azimuths follow one another clockwise, seen from above.
     """
 
@@ -73,7 +73,7 @@ class ColumnImageRecording(Recording):
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other.
 
-        If the recorder lost azimuths, the columns are moved to where they belong, and the lost azimuths are marked as not
+        If the recorder lost azimuths, columns are moved to the azimuths that they show, and lost azimuths are marked as not
         measured.
         """
         restorer = Restorer(self._read_image, len(self))
@@ -85,7 +85,7 @@ class ColumnImageRecording(Recording):
             yield replace(polar_scan, valid=polar_scan.valid & measured)
 
     def _read_image(self, k: int) -> NDArray[np.uint8]:
-        """Reads image k (R, A)."""
+        """Reads the pixels (R, A) of image k; raises a DataError if they do not have the recording's shape."""
         image = self.images.path(int(self.images.names[k]))
         pixels = read_grey(image)
         if pixels.shape != self.shape:
@@ -103,15 +103,15 @@ def open_columns(
     usual_resolution: tuple[float, str],
     sensing: Sensing,
 ) -> ColumnImageRecording:
-    """Indexes polar images, however many there are: reads only the first one that can be read.
+    """Indexes polar images by their names; reads no image but the first that can be read.
 
     Args:
         path: the recording.
         format: name of its layout.
         images: the images.
-        named_us: (N,) stamps [us] in the order of the polar scans: the ends of revolutions, unless `sensing` says otherwise.
-        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
-        usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and the name of the radar that has
+        named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
+        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None if none is missing.
+        usual_resolution: length of a range bin [m], unless `sensing` states another one, and the name of the radar that has
             such bins.
         sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
 
@@ -145,9 +145,8 @@ def open_columns(
 def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
     """Writes a polar image `<name>.png` per polar scan into a folder, one polar scan in memory at a time.
 
-    The first column looks straight ahead. Where revolutions begin one azimuth step later, as Oxford's do, the first column
-    is the last azimuth of the revolution before; the column stays empty in the first image and after a gap. The stamps stay
-    those of the revolutions.
+    The first column of an image is the azimuth straight ahead. If revolutions begin one azimuth later, as Oxford's do, it is
+    the last azimuth of the revolution before; the column is then black in the first image and after a gap.
 
     Args:
         folder: folder for the images.
@@ -155,10 +154,10 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         names: (N,) names of the images.
 
     Returns:
-        Notes for the user on what was lost.
+        Notes for the user on what the images do not hold.
 
     Raises:
-        DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
+        DataError: a polar scan has one azimuth or does not fit into polar images (see `_find_misfit`).
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
     # where revolutions begin one step late, the last azimuth of each is the first column of the next image
@@ -193,8 +192,8 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
     Args:
         k: number of the polar scan.
         polar_scan: polar scan k.
-        shape: azimuths and range bins of the first polar scan.
-        off: how far azimuths lie from where readers will place them [rad].
+        shape: number of azimuths and number of range bins of the first polar scan.
+        off: largest angle [rad] between an azimuth and the even step at which readers will place it.
     """
     if polar_scan.power.shape != shape:
         sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
@@ -208,7 +207,7 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
-    """Measures how far azimuths lie from even steps [rad] that begin `late` steps after straight ahead."""
+    """Returns the largest angle [rad] between azimuths and even steps that begin `late` steps after straight ahead."""
     even = spread_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
     even = even + late * (even[1] - even[0])
     return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())

@@ -1,4 +1,4 @@
-"""Recordings derived from another recording: a stretch of it in time, its mirror image, or a copy that reports progress."""
+"""Recordings derived from another recording: a stretch of time, a mirror image, or a copy that reports progress."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from mqslam.errors import ConfigError, DataError, require_type
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedRecording(Recording):
-    """A recording that holds the polar scans of another one from a given scan on, and may mirror them.
+    """A recording that contains successive polar scans of another recording, mirrored or not.
 
     Args:
         inner: the other recording.
-        first: number in the inner recording of the polar scan that comes first here.
-        earlier_s: time from the start of the inner recording to the start of this one [s].
-        is_mirrored: whether the radar spins the other way than the inner recording says, so that azimuths change sign.
+        first: index in the inner recording of the first polar scan of this recording.
+        earlier_s: time from the start of the inner recording to the start of this recording [s].
+        is_mirrored: whether left and right are exchanged, so that azimuths change their sign.
     """
 
     inner: Recording
@@ -45,12 +45,12 @@ class DerivedRecording(Recording):
 
 
 def copy_fields(recording: Recording) -> dict[str, Any]:
-    """Returns the values of the fields that every kind of recording has, by the names of the fields."""
+    """Returns the fields of a recording that every kind of recording has, as a dictionary from name to value."""
     return {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
 
 
 def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Recording:
-    """Cuts a recording to the polar scans that begin in a span of time; its odometry and other sensors stay whole.
+    """Returns the scans that begin in a span of time, as a recording with all odometry and readings of other sensors.
 
     Args:
         recording: the recording.
@@ -58,8 +58,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         end_s: end of the span [s] since the recording's start; None takes the recording's end.
 
     Raises:
-        ConfigError: a time is no number, the span ends before it begins, or no polar scan, or only one scan of a lidar,
-            begins in it.
+        ConfigError: a time is no number, the span ends before it begins, or it holds no scan (or only one of a lidar).
     """
     if start_s is None and end_s is None:
         return recording
@@ -88,13 +87,13 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
 
 
 def mirror(recording: Recording, note: str) -> Recording:
-    """Returns a recording with left and right exchanged, and with a note for the user on the reason."""
+    """Returns a recording with left and right exchanged in its polar scans; the note for the user is added to its notes."""
     same = copy_fields(recording) | {"notes": (*recording.notes, note)}
     return DerivedRecording(inner=recording, is_mirrored=True, **same)
 
 
 def apply_clockwise(recording: Recording, clockwise: bool | None) -> Recording:
-    """Returns a recording whose radar spins in the sense that the user states; it is mirrored if its azimuths disagree.
+    """Returns a recording whose radar spins in the sense that the user states: mirrored, if its azimuths run the other way.
 
     Args:
         recording: the recording.
@@ -120,11 +119,11 @@ def _is_clockwise(recording: Recording) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedRecording(Recording):
-    """A recording that wraps another one and reports how far it has been read; `watch` makes one.
+    """A recording that wraps another recording and reports how many of its polar scans have been read.
 
     Args:
         inner: the wrapped recording.
-        progress: called with (number of polar scans read, number of all polar scans).
+        progress: called after each polar scan with the number of polar scans read and the number of all polar scans.
         unmeasured: list of one number: how many of the azimuths read so far are marked as not measured.
     """
 
@@ -141,5 +140,5 @@ class WatchedRecording(Recording):
 
 
 def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
-    """Wraps a recording so that it reports how far it has been read."""
+    """Wraps a recording so that it calls `progress(polar scans read, all polar scans)` after each polar scan."""
     return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], **copy_fields(recording))

@@ -1,4 +1,4 @@
-"""Types that all layouts share: a layout's functions, a user's statements about a radar, and the targets of a conversion."""
+"""Types that all layouts share: the functions of a layout, what a user states about a radar, and targets of a conversion."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ Message = Literal["image", "b_scan"]
 
 
 def is_bin_length(metres: float) -> bool:
-    """Returns whether a number can be the length of a range bin [m]."""
+    """Returns whether a length [m] is a plausible length of a range bin."""
     return _FINEST_M <= metres <= _COARSEST_M
 
 
 def is_range_offset(metres: float) -> bool:
-    """Returns whether a number can be the range offset of a radar [m]."""
+    """Returns whether a length [m] is a plausible range offset of a radar."""
     return abs(metres) <= _FARTHEST_OFFSET_M
 
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """Topics of a bag that a user names; a topic that is None is chosen by its type and name.
+    """Topics of a bag that a user names; where a topic is None, it is chosen by type and name.
 
     Args:
         radar: topic of the polar scans.
@@ -52,10 +52,10 @@ class Sensing:
     Args:
         range_resolution: length of a range bin [m].
         clockwise: whether the radar spins clockwise, seen from above.
-        stamp: whether the stamp of a polar scan that has only one is the scan's start or its end.
+        stamp: whether polar scans are stamped at the start or the end of a revolution, if their azimuths have no stamps.
         topics: topics of a bag to read.
-        encoder_size: encoder ticks per revolution, where azimuths carry encoder values.
-        range_offset: true range of an object at rest minus the range of the bin's centre [m].
+        encoder_size: encoder ticks per revolution, if azimuths carry encoder values.
+        range_offset: true range of an object at rest minus the range of the centre of its bin [m].
     """
 
     range_resolution: float | None = None
@@ -66,44 +66,44 @@ class Sensing:
     range_offset: float | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
-        """Returns the length of a range bin [m], with a note where the layout's usual length is assumed.
+        """Returns the length of a range bin [m], and a list with a note for the user if the usual length is assumed.
 
         Args:
             usual_m: usual length in the layout [m].
-            whose: name of the radar that has such bins, for the note.
+            whose: name of the radar whose bins have this length, for the note.
         """
         if self.range_resolution is not None:
             return self.range_resolution, []
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Returns a list with a note if the user states `stamp`, which has no effect where azimuths carry stamps."""
+        """Returns a note that `stamp` has no effect where azimuths carry stamps; an empty list if it is not stated."""
         return [] if self.stamp is None else ["azimuths carry their own stamps: sensor.stamp has no effect"]
 
 
 class Layout(Protocol):
-    """The functions that the module of a layout offers; the registry imports the module when the layout is needed.
+    """The functions that the module of every layout has.
 
-    The module of a layout that can also be written has `TARGETS` as well, a tuple of `Target`.
+    The module of a layout that can also be written has a tuple `TARGETS` of `Target` as well.
     """
 
     def recognises(self, path: Path) -> bool:
-        """Returns whether the path looks like a recording of this layout; only names are looked at."""
+        """Returns whether the path looks like a recording in this layout, by the names of files and folders."""
 
     def open_recording(self, path: Path, sensing: Sensing) -> Recording:
-        """Indexes the recording at a path without reading its polar scans, however long it is.
+        """Opens the recording at a path; reads its stamps and other sensors, but only a few polar scans at most.
 
         Args:
             path: the recording.
             sensing: what the user states about the radar, which overrides what the layout assumes.
 
         Raises:
-            DataError: there are no polar scans, or a file cannot be used.
+            DataError: there are no polar scans, or a file that is needed cannot be used.
         """
 
 
 def note_resolution(metres: float, why: str = "") -> str:
-    """Returns the note that a length of range bins [m] is assumed; `why` is the reason for the number."""
+    """Returns the note that a length of range bins [m] is assumed; `why` continues the sentence with the reason."""
     return f"range resolution {metres:.4g} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"
 
 
@@ -113,18 +113,18 @@ class Target:
 
     Args:
         name: name of the layout, as a user states it.
-        write: writes a recording to a path, completely or not at all, with one polar scan in memory at a time. It returns
-            notes for the user on what was lost. It raises a DataError if a polar scan cannot be read or the layout cannot
-            hold the recording, and an OutputError if the result cannot be written.
-        suffix: suffix of the file, "" for a folder.
+        write: writes a recording to a path, completely or not at all, with one polar scan in memory at a time. Returns notes
+            for the user on what the layout does not hold. Raises a DataError if a polar scan cannot be read or the layout
+            cannot hold the recording, and an OutputError if the result cannot be written.
+        suffix: suffix of the file that is written, such as ".npz"; "" if a folder is written.
         odometry: whether the layout holds odometry.
         truth: whether the layout holds ground truth.
         sensors: whether the layout holds the gyroscope, GNSS fixes and the radar's mount.
         validity: whether the layout can mark an azimuth as not measured.
         range_offset: whether the layout holds the radar's range offset.
-        assumed_resolution: returns the length of a range bin [m] that readers assume for a recording; None if files of the
-            layout state this length.
-        message: type of the messages in which a bag holds polar scans; without meaning for other layouts.
+        assumed_resolution: returns the length of a range bin [m] that readers will assume for a recording in this layout;
+            None if the layout states this length.
+        message: kind of the messages in which a bag holds polar scans; it has no meaning for other layouts.
         is_bag: whether the layout is a ROS bag, which can also hold the results of a run.
     """
 

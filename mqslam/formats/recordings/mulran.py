@@ -1,8 +1,9 @@
 """Reads and writes the layout MulRan: polar images under `sensor_data/radar/`, in one of two forms or both.
 
-`polar/<t>.png` has one column per azimuth and no metadata; `polar_oxford_form/<t>.png` has Oxford rows, whose stamps are in
-ns, like those in the file names. An image is stamped at the end of its revolution. The poses of the vehicle
-lie in `global_pose.csv`, the readings of its sensors in `xsens_imu.csv` and `gps.csv`.
+An image `polar/<t>.png` has one column per azimuth and no metadata. An image `polar_oxford_form/<t>.png` has Oxford rows:
+the time [ns], angle and power of one azimuth each (see `azimuths`). The name <t> of an image is the stamp of the end of its
+revolution [ns]. The poses of the vehicle lie in `global_pose.csv`, the readings of its sensors in `xsens_imu.csv` and
+`gps.csv`.
 
 Source: sites.google.com/view/mulran-pr; github.com/url-kaist/outlier-robust-radar-odometry (ORORA), which states the stamp
 and the calibration.
@@ -41,12 +42,12 @@ _MOUNT = Mount(np.array(_BASE_TO_RADAR), "the calibration that MulRan publishes,
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path holds images in one of the two forms, or is the folder of such images."""
+    """Returns whether a path holds images in one of the two forms, or is the folder of such images."""
     return any(_list_folders(path))
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a recording of MulRan: reads the names of the images, two images at most, the poses and the sensors.
+    """Indexes a recording of MulRan: reads the names of the images, a few of the images, the poses and the other sensors.
 
     If a recording has both forms, the Oxford rows are read, since their azimuths carry stamps.
     """
@@ -75,7 +76,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 
 def _list_folders(path: Path) -> Iterator[Path]:
-    """Yields the folders of images at or below a path; folders with Oxford rows come first."""
+    """Yields the folders with images at or below a path; a folder with Oxford rows comes first."""
     for form in (_ROWS, _COLUMNS):
         inside = (path / "sensor_data" / "radar" / form, path / "radar" / form, path / form)
         for folder in (*inside, path) if path.resolve().name == form else inside:
@@ -84,7 +85,10 @@ def _list_folders(path: Path) -> Iterator[Path]:
 
 
 def _read_poses(file: Path) -> Trajectory:
-    """Reads poses of the vehicle, per line a stamp [ns] and a 3 x 4 matrix by rows (REP 103), as poses of the radar."""
+    """Reads the poses of the vehicle, and converts them to poses of the radar.
+
+    A line holds a stamp [ns] and the pose as the rows of a 3 x 4 matrix [m], in the axes of REP 103.
+    """
     stamps, table = read_stamped(file, [1, 4, 5, 8])
     cosine, x, sine, y = table.T
     vehicle = np.column_stack([x, y, np.arctan2(sine, cosine)])
@@ -110,7 +114,11 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
 
 
 def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
-    """Makes and returns the folder of a form's images below `folder`, and writes the ground truth, if any, to `folder`."""
+    """Makes and returns the folder for images of a form, and writes the ground truth, if any, beside `sensor_data/`.
+
+    Raises:
+        DataError: the recording begins so early that its stamps in ns would be read as us.
+    """
     if recording.start_us * 1000 <= FIRST_NS:
         problem = f"begins at {recording.start_us} us: such early stamps in MulRan's ns would be read as us"
         raise DataError(recording.path, problem, "convert it to another layout")
@@ -122,7 +130,7 @@ def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
 
 
 def _format_poses(truth: Trajectory) -> str:
-    """Formats the radar's ground truth as poses of the vehicle: stamp [ns] and a 3 x 4 matrix by rows per line."""
+    """Formats the radar's ground truth as poses of the vehicle, as `_read_poses` reads them."""
     lines = []
     vehicle = se2.compose(truth.poses, se2.inverse(_BASE_TO_RADAR))
     for stamp, (x, y, yaw) in zip(truth.stamps_us.tolist(), vehicle.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Reads and writes the native layout: one `.npz` with a few members per polar scan, each read only when needed."""
+"""Reads and writes mqslam's native layout: one `.npz` with a few members (arrays) per polar scan, read only when needed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from mqslam.formats.sensors.reading import Reading, add_beside, make_fixes, make
 from mqslam.formats.tables import SensorTable
 
 _MOST_TURNED = 1e6  # azimuths larger than this are damaged [rad]
-_LONGEST_TURN_S = 30.0  # a turn of the radar that claims to last longer is damaged
+_LONGEST_TURN_S = 30.0  # a turn of the radar that is stated to last longer is damaged
 _REMEDY = "write the file again"
 
 
 @dataclass(frozen=True, slots=True)
 class _Archive:
-    """An open `.npz` of the native layout, whose members are read when they are asked for."""
+    """An open `.npz` of the native layout, whose members are read only when needed."""
 
     path: Path
     file: zipfile.ZipFile
@@ -40,11 +40,11 @@ class _Archive:
         return name in npz.list_arrays(self.file)
 
     def refuse(self, problem: str) -> DataError:
-        """Returns the error that states a problem of the file and what to do about it."""
+        """Returns an error that names the file, a problem of the file, and what to do about it."""
         return DataError(self.path, problem, _REMEDY)
 
     def read(self, name: str, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Reads a member by its name; raises DataError unless it has the given type and shape, in which -1 is any length."""
+        """Reads a member; raises a DataError unless its NumPy type is `kind` and its shape fits, where -1 is any length."""
         try:
             array = npz.read_array(self.file, name)
         except ValueError as error:
@@ -55,7 +55,7 @@ class _Archive:
         return array
 
     def read_stamped(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-        """Reads the stamps (N,) [us] of a trajectory or sensor, and its columns (N, 3); None if the archive lacks it."""
+        """Reads stamps (N,) [us] and values (N, 3): members `<name>_stamps_us` and `<name>_<columns>`; None if missing."""
         if f"{name}_stamps_us" not in self:
             return None
         stamps = self.read(f"{name}_stamps_us", np.int64, (-1,))
@@ -64,7 +64,7 @@ class _Archive:
 
 @contextmanager
 def _open_archive(path: Path) -> Iterator[_Archive]:
-    """Opens and yields an archive of the native layout."""
+    """Opens a file of the native layout and yields it; raises a DataError if it is no `.npz`."""
     with npz.open_npz(path, "give a file written by mqslam") as file:
         yield _Archive(path, file)
 
@@ -87,7 +87,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
-    """Opens a native `.npz` as a recording; reads everything but the polar scans."""
+    """Opens a native `.npz` as a recording; reads all members except the polar scans."""
     with _open_archive(path) as archive:
         stamps = archive.read("stamps_us", np.int64, (-1,))
         if not len(stamps) or np.any(np.diff(stamps) <= 0):
@@ -120,9 +120,9 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
 
 
 def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Reads the durations (N,) [us] of the radar's turns.
+    """Reads the durations (N,) [us] of the radar's turns, which begin at given stamps (N,) [us].
 
-    Older files state only the end of the last turn; all other durations are estimated there.
+    Older files state only the end of the last turn. For such files, all other durations are estimated from the stamps.
     """
     if "turns_us" in archive:
         turns = archive.read("turns_us", np.int64, stamps_us.shape)
@@ -138,7 +138,7 @@ def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.i
 
 
 def _measure(archive: _Archive, k: int) -> float | None:
-    """Measures the duration [us] of the radar's turn k by its azimuths' times; returns None where they do not show it."""
+    """Returns the duration [us] of the radar's turn k by the times of its azimuths, or None if these show no duration."""
     try:
         times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     except DataError:
@@ -148,7 +148,7 @@ def _measure(archive: _Archive, k: int) -> float | None:
 
 
 def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
-    """Reads polar scan k, which begins about start_s [s] after the recording's start."""
+    """Reads polar scan k; raises a DataError if its members do not fit one another, or its times are far from `start_s`."""
     times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     power = archive.read(f"power_{k:06d}", np.uint8, (-1, -1))
     valid = archive.read(f"valid_{k:06d}", np.bool_, (-1,))
@@ -161,7 +161,7 @@ def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
 
 
 def _read_trajectory(archive: _Archive, name: str) -> Trajectory | None:
-    """Reads a trajectory by its name; returns None where the archive holds no such trajectory."""
+    """Reads the trajectory called `odometry` or `ground_truth`; returns None if the archive holds no such trajectory."""
     track = archive.read_stamped(name, "poses")
     return None if track is None else make_trajectory(archive.path, *track)
 
@@ -184,7 +184,7 @@ def _read_fixes(archive: _Archive) -> Reading[Fixes] | None:
 
 
 def _read_mount(archive: _Archive) -> Mount | None:
-    """Reads the radar's pose on the vehicle; returns None where the archive does not state it."""
+    """Reads the radar's pose on the vehicle; returns None if the archive does not state this pose."""
     if "mount_pose" not in archive:
         return None
     pose = archive.read("mount_pose", np.float64, (3,))
@@ -194,13 +194,14 @@ def _read_mount(archive: _Archive) -> Mount | None:
 
 
 def write(path: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a native `.npz`; see `Target`.
+    """Writes a recording as a native `.npz`, as `Target.write` describes it.
 
-    Members: `stamps_us`, `turns_us`, `range_resolution`, `range_offset`, `notes`; where the recording has them,
-    `odometry_stamps_us` and `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`;
-    `fixes_stamps_us`, `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`;
-    `mount_pose`; and the sources `gyroscope_source`, `fixes_source` and `mount_source`. For polar scan k there are
-    `times_k`, `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
+    The members are `stamps_us`, `turns_us`, `range_resolution` [m], `range_offset` [m] and `notes`, and for polar scan k
+    `times_k`, `azimuths_k`, `power_k` and `valid_k`, with k in at least six digits. They hold the fields of `Recording` and
+    `PolarScan` that have these names. If the recording has the data, there are also `odometry_stamps_us` and
+    `odometry_poses`, the same for `ground_truth`, `gyroscope_stamps_us`, `gyroscope_rates` and `gyroscope_source`,
+    `fixes_stamps_us`, `fixes_places` (latitude and longitude [degrees], standard deviation [m]), `fixes_made_truth` and
+    `fixes_source`, `mount_pose` and `mount_source`. Nothing is compressed.
     """
     with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         for name, array in _list_members(recording):
@@ -211,7 +212,7 @@ def write(path: Path, recording: Recording) -> list[str]:
 
 
 def _list_members(recording: Recording) -> Iterator[tuple[str, Any]]:
-    """Yields the name and the content of every member of the archive of a recording."""
+    """Yields the name and the content of every member that `write` writes."""
     yield "stamps_us", recording.stamps_us
     yield "turns_us", recording.turns_us
     yield "range_resolution", np.float64(recording.range_resolution)

@@ -1,9 +1,10 @@
-"""Reads and writes the Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
+"""Reads and writes the Oxford layout: a folder with one image `radar/<t>.png` per polar scan.
 
-Beside the folder `radar/` lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, each if the recording has it,
-and in the dataset itself `gps/`. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. No mount is
-known for the dataset's radar: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS, which
-measures the fixes and rates.
+A row of an image is an Oxford row: time, angle and power of one azimuth (see `azimuths`). The name <t> of an image is the
+stamp [us] of its first azimuth. If the recording has such data, the files `radar.timestamps`, `odom.csv`, `imu.csv` and
+`gnss.csv` and the folder `gt/` lie beside the folder `radar/`; the dataset itself has a folder `gps/` there. GNSS fixes from
+which the ground truth was made are written as `gt/gnss.csv`. The mount of the dataset's radar on its vehicle is not known:
+the SDK's `extrinsics/radar.txt` states the radar's pose relative to a camera, not to the INS that measures fixes and rates.
 """
 
 from __future__ import annotations
@@ -38,20 +39,20 @@ from mqslam.formats.trajectories import read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
-_RECORDING = "recording.json"  # file in which a converted recording states the radar's range bins, range offset and mount
+_RECORDING = "recording.json"  # states the range bins, range offset and mount of the radar in a converted recording
 _MOUNT, _MOUNT_KEYS = "radar_on_vehicle", ("x_m", "y_m", "yaw_rad")
 _GNSS, _TRUTH_GNSS = "gnss.csv", "gt/gnss.csv"
 _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path is a folder with `radar/<t>.png` in it, or is the folder `radar` itself."""
+    """Returns whether a path is a folder that contains `radar/<t>.png`, or is such a folder `radar` itself."""
     folder = find_image_folder(path)
     return folder.is_dir() and any(image.stem.isdigit() for image in folder.glob("*.png"))
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: reads the names of all images, some of the images, and the sensors."""
+    """Indexes a recording in the Oxford layout: reads the names of all images, a few of the images and the other sensors."""
     folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
@@ -78,10 +79,11 @@ def find_image_folder(path: Path) -> Path:
 
 
 def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Lists the names (N,) of the existing images in order; if there is a `radar.timestamps`, only of those that it lists.
+    """Lists the images of a recording in order; if there is a `radar.timestamps`, only the images that it lists.
 
     Returns:
-        The names, notes on the images and lines that are left out, and faults of `radar.timestamps`.
+        The names (N,) of the images, which are stamps [us], notes for the user on images and lines that are left out, and
+        messages for the user on defects of `radar.timestamps`.
     """
     names = list_stamps(folder)
     listing = root / "radar.timestamps"
@@ -110,12 +112,12 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
 
 
 def _list_descriptions(root: Path) -> list[Path]:
-    """Lists the files beside the images that state properties of the radar."""
+    """Lists the existing files that state properties of the radar; where there are several, the first is used."""
     return [file for name in (_RECORDING, "twin.json", "simulation.json") if (file := root / name).exists()]
 
 
 def _find_range_offset(root: Path) -> float:
-    """Finds the range offset [m] that a file beside the images states; 0 if none does."""
+    """Returns the range offset [m] that the first file of `_list_descriptions` states; 0 if no offset is stated."""
     for file in _list_descriptions(root):
         try:
             value = float(json.loads(untrusted.read_document(file)).get("range_offset_m", 0.0))
@@ -128,10 +130,7 @@ def _find_range_offset(root: Path) -> float:
 
 
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Returns the length of a range bin [m], and a list that holds a note for the user if the length is assumed.
-
-    If the user states a length (`given`), that length is returned.
-    """
+    """Returns the length of a range bin [m] that the user gives or else a file states, or the usual length with a note."""
     if given is not None:
         return given, []
     for file in _list_descriptions(root):
@@ -148,22 +147,19 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
-    """Reads the gyroscope: the file of a converted recording, or the dataset's INS; returns None if neither exists."""
+    """Reads the gyroscope of a converted recording or, for the dataset itself, of the INS; None if there is no file."""
     files = (root / "imu.csv", root / "gps" / "ins.csv")
     return next((read_gyroscope_table(file) for file in files if file.exists()), None)
 
 
 def _read_fixes(root: Path) -> Reading[Fixes] | None:
-    """Reads the GNSS fixes: the file of a converted recording, or the dataset's GNSS receiver, or else its INS.
-
-    Returns None if there is no such file.
-    """
+    """Reads the GNSS fixes of a converted recording or, for the dataset, of the receiver or INS; None if there are none."""
     files = (root / name for name in (_GNSS, _TRUTH_GNSS, "gps/gps.csv", "gps/ins.csv"))
     return next((read_fixes_table(file, made_truth=file == root / _TRUTH_GNSS) for file in files if file.exists()), None)
 
 
 def _read_mount(root: Path) -> Mount | None:
-    """Reads the radar's pose on the vehicle; returns None where the recording does not state it."""
+    """Reads the radar's pose on the vehicle; returns None if the recording does not state this pose."""
     file = root / _RECORDING
     try:
         stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
@@ -178,7 +174,11 @@ def _read_mount(root: Path) -> Mount | None:
 
 
 def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Trajectory | None:
-    """Reads the ground truth of a recording, or returns None; adds to `notes` which rows of it were left out."""
+    """Reads the poses of the ground truth: of a converted recording or, for the dataset itself, chained from its motions.
+
+    Only the longest stretch of successive motions within the recording is used; `notes` receives a note for the user if
+    the motions have breaks, or if all lie outside the recording. Returns None if there is no ground truth.
+    """
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
         return read_tum(tum)
@@ -201,7 +201,7 @@ def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Tr
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder; see `Target`."""
+    """Writes a recording as a folder, as `Target.write` describes it."""
     with write_folder_aside(out) as folder:
         write_ground_truth(folder, recording)
         _write_sensors(folder, recording)
@@ -216,7 +216,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes the gyroscope, the GNSS fixes, and a file that states the radar's range bins, range offset and mount."""
+    """Writes the gyroscope, the GNSS fixes, and `recording.json` if range bins, range offset or mount are to be stated."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
@@ -234,12 +234,12 @@ def _write_sensors(folder: Path, recording: Recording) -> None:
 
 
 def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
-    """Writes `radar.timestamps`, the list of the images' stamps [us]."""
+    """Writes `radar.timestamps`, which lists the stamps of the images [us]."""
     write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stamps_us))
 
 
 def write_ground_truth(folder: Path, recording: Recording) -> None:
-    """Writes the ground truth of a recording into its folder, if the recording has ground truth."""
+    """Writes the ground truth of a recording into a folder, if the recording has two or more true poses."""
     if recording.ground_truth is not None and len(recording.ground_truth) > 1:
         (folder / "gt").mkdir()
         write_tum(folder / "gt" / "poses_tum.txt", recording.ground_truth)
@@ -247,14 +247,14 @@ def write_ground_truth(folder: Path, recording: Recording) -> None:
 
 
 def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
-    """Writes the image of polar scan k, and returns its name: the stamp of the first azimuth [us]."""
+    """Writes the image of polar scan k, and returns the number that names it: the stamp of the first azimuth [us]."""
     stamp = int(azimuth_stamps(recording, polar_scan)[0])
     write_png(folder / "radar" / f"{stamp}.png", make_rows_of_chirps(recording, k, polar_scan))
     return stamp
 
 
 def _format_moves(truth: Trajectory) -> str:
-    """Formats the motions between poses, each in the frame of the earlier pose, as CSV; y is right and yaw clockwise."""
+    """Formats the motions from pose to pose as CSV, each in the frame of the earlier pose with y right and yaw clockwise."""
     moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):

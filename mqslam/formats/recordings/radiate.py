@@ -1,12 +1,12 @@
 """Reads and writes the layout RADIATE: polar images `Navtech_Polar/000001.png` with one column per azimuth.
 
-Their stamps of arrival lie in `Navtech_Polar.txt`, the readings of other sensors in `GPS_IMU_Twist/`, one message per file.
+The stamps of arrival of the images lie in `Navtech_Polar.txt`, the readings of GPS and IMU in `GPS_IMU_Twist/`, one message
+per file. The first line of a message is latitude, longitude [degrees] and altitude; the next three lines are the
+covariance of the position along east, north and up [m^2]; the fifth is the orientation, and the sixth holds the turn rates
+about x forward, y right and z down [rad/s]. Every message is stored twice, with the same stamp. The messages are stamped by
+another clock than the images.
 
-The first line of a message is latitude, longitude [degrees] and altitude; the next three lines are the covariance of the
-position along east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward, y
-right and z down [rad/s]. Every message is stored twice, with the same stamp. Its clock is not the radar's.
-
-Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; their order and axes were found on a drive.
+Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; the lines and axes were identified on a recording.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from mqslam.formats.tables import SensorTable, parse_times
 from mqslam.formats.text import read_lines
 
 _NAME = "GPS_IMU_Twist"
-_PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates
+_PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # indices of lines: position, two rows of its covariance, turn rates
 _MOST_BYTES = 10_000  # largest size of a message; most have about 500
-_DOWN = (1.0, -1.0, -1.0)  # from x forward, y right, z down to x forward, y left, z up
-_DIGITS = 6  # least number of digits of a frame's number, in the list of stamps and in the name of its file
+_DOWN = (1.0, -1.0, -1.0)  # factors from x forward, y right, z down to x forward, y left, z up
+_DIGITS = 6  # least number of digits of a frame's number, in the list of stamps and in the name of the frame's file
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _LINE = "'Frame: 000001 Time: 1574859771.744660272'"
 _NANOSECONDS = 9  # digits of a fraction of a second
@@ -42,12 +42,12 @@ _OTHER_CLOCK = "GPS and IMU run on another clock, whose offset a run finds: no o
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path holds a folder `Navtech_Polar`, or is that folder."""
+    """Returns whether a path contains a folder `Navtech_Polar`, or is this folder."""
     return _find_image_folder(path).is_dir()
 
 
 def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
-    """Indexes a recording of RADIATE: reads names, stamps, one image and the messages of the sensors."""
+    """Indexes a recording of RADIATE: reads names and stamps of the images, one image, and the messages of GPS and IMU."""
     folder = _find_image_folder(path)
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
@@ -90,12 +90,12 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
 def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Reads numbers of frames (N,) and stamps of arrival (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
 
-    RADIATE's files state the nanoseconds behind the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
-    ns, not 36.25 s. Where fractions differ in length, both ways of reading are tried, and the one that gives the more evenly
-    spaced stamps is taken.
+    RADIATE's files state the nanoseconds after the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
+    ns, not 36.25 s. If the numbers of digits after the point differ, they are read as nanoseconds and as decimals, and the
+    stamps with the more even steps are returned.
 
     Raises:
-        DataError: the list cannot be read, or a line has another form.
+        DataError: the list cannot be read or is empty, or a line has another form.
     """
     remedy = f"it should hold a line {_LINE} for each file"
     lines = [line for line in read_lines(listing, remedy, missing=remedy) if line]
@@ -115,16 +115,16 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _format_frame(frame: int) -> str:
-    """Formats the number of a frame as in the name of its file."""
+    """Formats the number of a frame as in the name of its file: with six digits or more."""
     return str(frame).zfill(_DIGITS)
 
 
 def _read_messages(root: Path) -> SensorTable | None:
-    """Reads the messages of GPS and IMU; returns None where the recording has no folder of them.
+    """Reads the messages of GPS and IMU in the folder of a recording.
 
     Returns:
-        One row (6,) per message: latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN for
-        a damaged message.
+        One row (6,) per message: latitude, longitude [degrees], standard deviation [m] and the turn rates about x forward, y
+        right, z down [rad/s]; a damaged message gives a row of NaN. None if the recording has no folder of messages.
     """
     folder = root / _NAME
     if not folder.is_dir():
@@ -136,7 +136,7 @@ def _read_messages(root: Path) -> SensorTable | None:
 
 
 def _read_message(file: Path) -> list[float]:
-    """Reads a message from its file as a row of `_read_messages`; the row is all NaN where the file cannot be read."""
+    """Reads a message from its file as a row (6,) of `_read_messages`; all numbers are NaN if the file is damaged."""
     try:
         lines = [
             [float(word) for word in line.split(",")] for line in untrusted.read_document(file, _MOST_BYTES).splitlines()
@@ -150,12 +150,12 @@ def _read_message(file: Path) -> list[float]:
 
 
 def _find_image_folder(path: Path) -> Path:
-    """Returns the folder Navtech_Polar of the images, which is the path itself or lies in it."""
+    """Returns the path of the folder `Navtech_Polar`, which contains the images: the path itself, or a folder in it."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder; see `Target`."""
+    """Writes a recording as a folder, as `Target.write` describes it."""
     names = [_format_frame(number) for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"

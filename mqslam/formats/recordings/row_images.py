@@ -1,4 +1,7 @@
-"""Reads folders of images of Oxford rows, one image per polar scan: Oxford, Boreas, and one form of MulRan."""
+"""Reads folders of images of Oxford rows, one image per polar scan: Oxford, Boreas, and one form of MulRan.
+
+An Oxford row is a row of an image that holds the time, the angle and the power of one azimuth (see `azimuths`).
+"""
 
 from __future__ import annotations
 
@@ -27,20 +30,20 @@ from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
 # An image with less than this share of the first image's number of azimuths is damaged, and is left out.
 _FEWEST_ROWS = 0.1
-# Byte 10 of Oxford rows says whether an azimuth was measured if it is 255 in more than this share of the first image's
-# rows, because few azimuths of a recording are not measured.
+# Byte 10 of a row states whether the azimuth was measured if it is 255 in more than this share of the first image's rows,
+# because few azimuths of a recording are not measured.
 _VALIDITY_SHARE = 0.75
 # Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
-# the rows. Below this share it says nothing about single azimuths.
+# the rows. If it is 255 in fewer rows, it states nothing about single azimuths.
 _CHIRP_SHARE = 0.25
-_MOST_STAMP_ERROR_US = 1_000_000  # an image whose name is a stamp further than this outside its turn is damaged
+_MOST_STAMP_ERROR_US = 1_000_000  # an image is damaged if the stamp in its name lies further than this outside its turn
 _REMEDY = "copy the file again, or leave it out of the recording"
 
 _Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
 
 
 class Flag(Enum):
-    """Meaning of byte 10 of the rows of a recording."""
+    """Meaning of byte 10, the flag byte, in the Oxford rows of a recording."""
 
     VALIDITY = "255 where the azimuth was measured"
     CHIRP = "255 where the chirp went up"
@@ -55,7 +58,7 @@ class RowFolder:
         path: the folder.
         flag: meaning of byte 10 of the rows.
         encoder: encoder ticks per turn.
-        usual: number of azimuths of the first image; 0 where it is not known yet.
+        usual: number of azimuths of the first image; 0 until this image is read.
     """
 
     path: Path
@@ -70,8 +73,8 @@ class RowFolder:
             name: name of the image: a stamp [us or ns] within its turn.
 
         Returns:
-            Azimuths and power of the up-chirps, and those of the down-chirps. If the image has one kind of chirp, all
-            azimuths with their power, and None.
+            The azimuths of the up-chirps with their power, and the azimuths of the down-chirps with their power. If byte 10
+            does not state the chirps, all azimuths with their power, and None.
 
         Raises:
             DataError: the image cannot be used, or its stamps do not fit its name.
@@ -127,10 +130,10 @@ def open_rows(
     choose_resolution: Callable[[int], tuple[float, list[str]]],
     sensing: Sensing,
 ) -> RowImageRecording:
-    """Indexes images by their names, however many there are: reads the first and the last readable image, and a few others.
+    """Indexes images by their names; reads the first and the last readable image, and a few others.
 
-    An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
-    The first image shows which instant that is, as a share of its turn; the same share holds for all other images.
+    An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end. The
+    first image shows which share of a turn lies before this instant. The share is taken to be the same in all images.
 
     Args:
         path: the recording.
@@ -138,12 +141,12 @@ def open_rows(
         folder: folder of the images.
         names: (N,) names of the images, increasing.
         choose_resolution: takes the stamp [us] at which a recording begins, and returns the length of its range bins [m]
-            and a note if this length is assumed.
+            and a list with a note for the user if this length is assumed.
         sensing: what the user states about the radar.
 
     Raises:
-        DataError: there are no images, or half of them cannot be used, or the azimuths show another number of encoder
-            ticks per turn than the layout's usual one.
+        DataError: there are no images, half of them cannot be used, or the azimuths show another number of encoder ticks
+            per turn than is assumed.
     """
     if not len(names):
         raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
@@ -196,10 +199,11 @@ def open_rows(
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """Finds the meaning of byte 10 from the first image (A, 11 + B) of a recording; adds a note unless it marks validity.
+    """Finds the meaning of byte 10 in the first image (A, 11 + B) of a recording.
 
-    Where the byte marks validity, only few rows are not measured. Boreas leaves the byte unused. Boreas-RT writes the
-    direction of the chirp into it, which alternates from row to row.
+    Where the byte states validity, few rows are marked as not measured. Boreas leaves the byte unused. In Boreas-RT the byte
+    is the direction of the chirp, which alternates from row to row. Also returns a note for the user unless the byte states
+    validity.
     """
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:
