@@ -41,13 +41,13 @@ from mqslam.formats.sensors.reading import Reading, add_beside, read_beside
 from mqslam.formats.tables import read_header, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
-"""2021-09-21, when another radar was mounted."""
+"""Stamp [us] of 2021-09-21, when another radar was mounted."""
 _RADAR = "Boreas's radar at that date"
 _RADAR_OFFSET_M = -0.31  # range of the near end of bin 0, by Navtech and the data set's own experiment
 _MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among other values
 RANGE_RESOLUTION_BEFORE_M = 0.0596
 RANGE_RESOLUTION_M = 0.04381
-"""Lengths of a range bin [m] that the data set publishes for the two radars."""
+"""Lengths of a range bin [m] that the data set publishes for the radars before and after `UPGRADE_US`."""
 _COLUMNS = "GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pitch,heading,angvel_z,angvel_y,angvel_x"
 
 

@@ -25,7 +25,7 @@ from mqslam.formats.stamps import mark_increasing
 from mqslam.formats.tables import read_header, read_sensor_table
 
 USUAL_RADIUS_M = 0.34
-"""Radius of the wheel that the devkit takes where no calibration states it [m]."""
+"""Radius of the wheel [m] that the devkit assumes where no calibration states the radius."""
 _RADII_M = (0.1, 1.0)  # no car's wheels are smaller or larger
 _PULSES = 1024  # per turn of the wheel
 _COUNTS = 2**24  # the count begins again at zero after this many pulses

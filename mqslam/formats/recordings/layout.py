@@ -14,7 +14,11 @@ Stamp = Literal["start", "end"]
 _FARTHEST_OFFSET_M = 10.0  # no radar's ranges are off by more: other numbers are mistakes
 _FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar has shorter or longer range bins: other numbers are mistakes
 Message = Literal["image", "b_scan"]
-"""Types of messages in which a bag holds polar scans: images of Oxford rows, or b-scans of Navtech's driver."""
+"""Kinds of messages in which a bag holds polar scans.
+
+`image`: images of Oxford rows, which begin with their time and angle (see `azimuths`); `b_scan`: b-scans of Navtech's
+driver, images with the times and angles of their rows beside them.
+"""
 
 
 def is_bin_length(metres: float) -> bool:
