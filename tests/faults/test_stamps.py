@@ -72,7 +72,7 @@ def test_stamps_of_arrival_that_are_damaged(tmp_path: Path) -> None:
     listing = write_radiate(tmp_path / "city", left_turn()) / "Navtech_Polar.txt"
     listing.write_text(re.sub(r"(Frame: 000004 Time: )\d+", r"\g<1>1234567890", listing.read_text()))
     city = open_recording(tmp_path / "city")
-    assert len(city) == 6 and "the stamp of number 4 among 6 polar scans lies too far" in city.faults[0]
+    assert len(city) == 6 and "the stamp of polar scan number 4 among 6 lies too far" in city.faults[0]
 
 
 def test_a_clock_that_jumps(drive: Path, tmp_path: Path) -> None:

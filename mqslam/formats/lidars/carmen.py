@@ -214,7 +214,7 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
         steps = se2.wrapped_between(poses[:-1], poses[1:])
         steps[anchored[1:]] = 0.0
         poses = se2.compose(poses[0], se2.integrate_steps(steps))
-        notes.append(f"the odometry is reset to a corrected pose {anchored.sum()} times: only the steps between are used")
+        notes.append(f"the odometry is reset to a corrected pose {anchored.sum()} times: only steps between resets are used")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
     stamps[measured] = parse_times(path, [lines[row].stamp for row in measured], "s", _REPAIR)

@@ -83,7 +83,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     stamps = np.array(index.stamps_us, dtype=np.int64)[rows]
     scans = [index.scans[row] for row in rows]
     if len(scans) < 2 or not any(map(len, scans)):
-        problem = f"has too few scans with rising stamps ({len(scans)}) or returns ({sum(map(len, scans))}) on {topic}"
+        problem = f"has {len(scans)} scans with increasing stamps and {sum(map(len, scans))} returns on {topic}: too few"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
     notes = [f"scans from {topic}", *index.poses.clock.notes]
     if dropped := len(index.scans) - len(scans):
@@ -105,7 +105,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         track = index.poses.trajectory(name)
         notes += index.poses.note_left_out(name)
         if track is not None:
-            how = "taken as that of the lidar itself" if mount is None else f"carried to the lidar by {stated}"
+            how = "taken as the lidar's own motion" if mount is None else f"converted to poses of the lidar by {stated}"
             notes.append(f"{what} from {name}, {how}")
             carried[what] = track if mount is None else track.attach(mount)
     timed = stamp_scans(stamps, scans)
@@ -166,7 +166,7 @@ def _parse_scan(message: Any) -> Returns:
     """
     numbers = (message.angle_min, message.angle_increment, message.time_increment)
     if not np.isfinite(numbers).all() or not message.range_min < message.range_max:
-        raise ValueError(f"has bad angles {numbers[:2]}, times or ranges ({message.range_min}, {message.range_max})")
+        raise ValueError(f"has unusable angles {numbers[:2]}, times or ranges ({message.range_min}, {message.range_max})")
     ranges = np.asarray(message.ranges, dtype=np.float64)
     intensities = np.asarray(message.intensities, dtype=np.float64)
     beams = np.arange(len(ranges))

@@ -72,11 +72,13 @@ def open_recording(
     """
     path = to_path(path, "a recording")
     if range_resolution is not None and not is_bin_length(range_resolution):
-        raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
+        raise ConfigError(
+            f"range resolution {range_resolution}: cannot be the length of a range bin; give metres, such as 0.0438"
+        )
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
     if range_offset is not None and not is_range_offset(range_offset):
-        raise ConfigError(f"range offset {range_offset}: is no range offset of a radar; give metres, such as -0.33")
+        raise ConfigError(f"range offset {range_offset}: cannot be the range offset of a radar; give metres, such as -0.33")
     with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")

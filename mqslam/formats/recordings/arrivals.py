@@ -125,8 +125,8 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
-        f"the stamp of number {numbers[damaged][0]}{others} among {count_of(len(numbers), 'polar scan')} lies too far from "
-        "the stamps around it: the time of the turn is estimated from those instead"
+        f"the stamp of polar scan number {numbers[damaged][0]}{others} among {len(numbers)} lies too far from the stamps "
+        "around it: the time of the turn is estimated from the other stamps"
     )
 
 

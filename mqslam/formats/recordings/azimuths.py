@@ -28,7 +28,7 @@ TURN_TICKS = 5600
 """Number of bytes before the power in an Oxford row, index of the flag byte in the row, and encoder ticks per revolution."""
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
-STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
+STATE_ENCODER = "set sensor.encoder_size if the encoder has another number of ticks per turn"
 _NEAR_STEPS = 5  # number of steps between polar scans at an end of a recording whose median is the duration of a turn there
 _OVERLAP = 1.05  # turns overlap if they last this many times the step between them: a radar's rate varies less
 # numbers of ticks per revolution of the encoders that are on the market
@@ -177,7 +177,7 @@ def check_encoder(
     ticks = turn / float(np.mean(too_long))
     problem = f"its encoder values sweep {ticks:.0f} of {turn} ticks while the radar turns once"
     if not any(abs(ticks - size) < _SAME_SIZE * size for size in _MADE):
-        return [f"{problem}: it sweeps only a part of a turn, or sensor.encoder_size must be set to the ticks of a turn"]
+        return [f"{problem}: the radar sweeps only part of a turn, or sensor.encoder_size must be set to its ticks per turn"]
     raise DataError(path, problem, f"set sensor.encoder_size to the ticks of a turn, about {ticks:.0f}")
 
 
@@ -264,7 +264,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
         DataError: the azimuths of the polar scan run counter-clockwise, or there is only one.
     """
     if len(polar_scan.azimuths) < 2:
-        raise DataError(recording.path, f"polar scan {k} has one azimuth, rows need two", "convert it to .npz")
+        raise DataError(recording.path, f"polar scan {k} has one azimuth, but rows need two", "convert it to .npz")
     if polar_scan.azimuths[-1] > polar_scan.azimuths[0]:
         problem = f"polar scan {k} turns counter-clockwise, encoder values count clockwise"
         raise DataError(recording.path, problem, "convert it to .npz, mulran or radiate")

@@ -82,7 +82,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
         lambda: read_fixes_table(fixes) if (fixes := _find_fixes(root)) else None,
         lambda: _read_mount(root / "calib"),
         truth=lambda: _read_poses(poses) if poses.exists() else None,
-        notes=[f"{dependent}; name it to use it"] if imu is None and unread.exists() else [],
+        notes=[f"{dependent}; give it as the gyroscope to use it all the same"] if imu is None and unread.exists() else [],
     )
     wheel = root / "applanix" / "dmi.csv"
     return _add_wheel(placed, wheel, root / "calib") if wheel.exists() else placed

@@ -79,7 +79,7 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
         raise DataError(path, problem, "repair or remove its damaged rows")
     within = (gyroscope.stamps_us >= first) & (gyroscope.stamps_us <= last)
     if np.count_nonzero(within) < 2:
-        raise DataError(path, f"shares no time with the gyroscope in {gyroscope.source}", "give both of the same drive")
+        raise DataError(path, f"shares no time with the gyroscope in {gyroscope.source}", "give the files of one drive")
     times = gyroscope.stamps_us[within]  # at these stamps the trajectory has the gyroscope's own angles
     angles = Turning.integrate(gyroscope, radar.start_us, axis=2).angles[within]
     rolled = np.interp(times, stamps, travel)
@@ -94,5 +94,5 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
         faults.append(f"{path}: {count_of(left_out, 'row')} left out: no count, or no later stamp than the row before")
     longest_s = 1e-6 * max(int(np.diff(times).max()), int(np.diff(stamps).max()))
     if longest_s > _LONGEST_STEP_S:
-        faults.append(f"{path}: the odometry bridges gaps of up to {longest_s:.1f} s in wheel encoder or gyroscope")
+        faults.append(f"{path}: the odometry bridges gaps of up to {longest_s:.1f} s in the readings of its sensors")
     return Reading(wheel.carry_to_vehicle(track), (note,), tuple(faults))

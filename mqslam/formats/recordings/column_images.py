@@ -50,7 +50,7 @@ class ColumnImages:
         """
         rows, columns = read_grey(self.path(name)).shape
         if not 2 <= columns <= rows:
-            remedy = "it should hold one column per azimuth and one row per range"
+            remedy = "it should hold one column per azimuth and one row per range bin"
             raise DataError(self.path(name), f"holds {rows} rows by {columns} columns", remedy)
         return rows, columns
 
@@ -165,7 +165,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
         if len(polar_scan.azimuths) < 2:
-            raise DataError(recording.path, f"polar scan {k} has one azimuth, columns need two", "convert it to .npz")
+            raise DataError(recording.path, f"polar scan {k} has one azimuth, but columns need two", "convert it to .npz")
         if k == 0:
             shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
             late = _measure_deviation(polar_scan, clockwise, 1) < _measure_deviation(polar_scan, clockwise, 0)
@@ -197,7 +197,7 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
     """
     if polar_scan.power.shape != shape:
         sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
-        return f"polar scan {k} has {sizes[0]}, the first {sizes[1]}; polar images have one size"
+        return f"polar scan {k} has {sizes[0]}, the first {sizes[1]}; all polar images must have one size"
     if shape[0] > shape[1]:
         return f"has more azimuths ({shape[0]}) than range bins ({shape[1]})"
     if off * shape[0] > _MOST_STEPS * 2.0 * np.pi:

@@ -51,7 +51,7 @@ class _Archive:
             raise self.refuse(str(error)) from error
         fits = len(array.shape) == len(shape) and all(b in (-1, a) for a, b in zip(array.shape, shape, strict=True))
         if not np.issubdtype(array.dtype, kind) or not fits:
-            raise self.refuse(f"{name} is {array.dtype} of shape {array.shape}")
+            raise self.refuse(f"{name} is {array.dtype} of shape {array.shape}, which the layout does not have")
         return array
 
     def read_stamped(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
@@ -98,11 +98,11 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
         turns = _read_turns(archive, stamps)
         resolution = float(archive.read("range_resolution", np.float64, ()))
         if not is_bin_length(resolution):
-            raise archive.refuse(f"has a range resolution of {resolution} m")
+            raise archive.refuse(f"has a range resolution of {resolution} m, which no radar has")
         # older files state no range offset, which means 0
         offset = float(archive.read("range_offset", np.float64, ())) if "range_offset" in archive else 0.0
         if not is_range_offset(offset):
-            raise archive.refuse(f"has a range offset of {offset} m")
+            raise archive.refuse(f"has a range offset of {offset} m, which no radar has")
         recording = NativeRecording(
             path=path,
             format="native",

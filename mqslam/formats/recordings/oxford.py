@@ -106,8 +106,10 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
     twice = len(kept) - len(set(kept))
     faults = []
     if backward:
-        faults.append(f"radar.timestamps runs backward {count_of(len(backward), 'time')}, first at {backward[0]}: sorted")
-    faults += [f"radar.timestamps lists {count_of(twice, 'stamp')} more than once: read once"] if twice else []
+        faults.append(
+            f"radar.timestamps runs backward {count_of(len(backward), 'time')}, first at {backward[0]}: its lines are sorted"
+        )
+    faults += [f"radar.timestamps lists {count_of(twice, 'stamp')} more than once: each is read once"] if twice else []
     return np.unique(np.array(kept, dtype=np.int64)), notes, faults
 
 
@@ -190,7 +192,7 @@ def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Tr
     inside = (later > recording.start_us) & (earlier < int(recording.stamps_us[-1] + recording.turns_us[-1]))
     table, later, earlier = table[inside], later[inside], earlier[inside]
     if not len(table):
-        notes.append(f"{csv.name} has no row within the recording: no ground truth")
+        notes.append(f"{csv.name} has no row within the recording: there is no ground truth")
         return None
     breaks = np.flatnonzero(earlier[1:] != later[:-1]) + 1
     longest = max(np.split(np.arange(len(table)), breaks), key=len)

@@ -238,7 +238,7 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
                 return RadarTopic(connection.topic, layout, encoder)
         except DataError as error:
             first = first or error
-    raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
+    raise first or DataError(path, f"holds no message on {connection.topic}", "give another bag")
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:

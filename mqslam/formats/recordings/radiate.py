@@ -61,7 +61,8 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     order = np.argsort(frames, kind="stable")
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
         faults.append(
-            f"{listing.name} does not list its frames in order, first at {_format_frame(frames[backward[0] + 1])}: sorted"
+            f"{listing.name} does not list its frames in order, first at {_format_frame(frames[backward[0] + 1])}: "
+            "they are sorted"
         )
     order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     present = order[np.isin(frames[order], list(there))]

@@ -190,7 +190,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         return replace(placed, notes=(*placed.notes, f"{over}, which is ignored because sensor.clockwise is set"))
     if radar.stamps_azimuths:
         return mirror(placed, f"{over}: the scans are mirrored")
-    return replace(placed, notes=(*placed.notes, f"{over}: it turns counter-clockwise, seen from above"))
+    return replace(placed, notes=(*placed.notes, f"{over}: the radar turns counter-clockwise, seen from above"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,9 +230,9 @@ class Frames:
         if on_vehicle is None:
             return truth, f"ground truth from {topic} is taken as the pose of the radar itself"
         if self.mount is None:
-            return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
+            return truth, f"ground truth from {topic} is the pose of {frame}; the bag does not state the radar's place on it"
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
-        note = f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
+        note = f"ground truth from {topic} is the pose of {frame}, converted to poses of the radar by {self.mount.source}"
         return truth.attach(to_radar), note
 
     def is_of_vehicle(self, frame: str) -> bool:
@@ -285,7 +285,7 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
         notes.append(note_resolution(resolution))
     if sensing.range_offset is None and stated is not None and stated.near_end is not None:
         offset = stated.near_end - 0.5 * resolution
-        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it for the near end of a bin"
+        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it by the range of the near end of bin 0"
         notes.append(f"{note}: {Remedy.OVERRIDE_RANGE_OFFSET}")
     return resolution, offset, notes
 

@@ -97,7 +97,7 @@ class RowFolder:
         apart = int(azimuths.stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
         span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
         if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
-            raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
+            raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after the stamp in its name", _REMEDY)
         return (azimuths, pixels[:, METADATA_BYTES:]), down
 
 

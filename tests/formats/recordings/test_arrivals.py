@@ -194,7 +194,7 @@ def test_a_damaged_stamp_is_said_and_its_turn_estimated_from_those_around(off_s:
     stamps[40] += round(off_s * 1e6)
     arrivals = estimate_arrivals(stamps)
     (fault,) = arrivals.faults
-    assert fault.startswith("the stamp of number 41 among 100 polar scans lies too far from the stamps around it")
+    assert fault.startswith("the stamp of polar scan number 41 among 100 lies too far from the stamps around it")
     assert arrivals.notes == () and np.abs(arrivals.stamps_us - turns).max() <= 1
 
 

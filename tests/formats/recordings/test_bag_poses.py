@@ -46,7 +46,7 @@ UNKNOWN = Frames("radar", None, placed(table=TABLE))
 def test_ground_truth_of_the_vehicle_is_carried_to_the_radar(frame: str) -> None:
     truth, note = KNOWN.place_truth(TRACK, "/gt", frame)
     np.testing.assert_allclose(truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-12)
-    assert note == f"ground truth from /gt is the pose of {frame}, carried to the radar by /tf_static"
+    assert note == f"ground truth from /gt is the pose of {frame}, converted to poses of the radar by /tf_static"
 
 
 def test_ground_truth_of_something_on_the_vehicle_is_carried_to_the_radar() -> None:

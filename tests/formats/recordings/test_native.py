@@ -60,7 +60,7 @@ def test_the_range_offset_is_kept_or_named_as_lost(oxford: Path, tmp_path: Path)
 
 
 def test_a_range_offset_that_no_radar_has_is_refused(oxford: Path, native: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"range offset 31.0: is no range offset of a radar; give metres"):
+    with pytest.raises(ConfigError, match=r"range offset 31.0: cannot be the range offset of a radar; give metres"):
         open_recording(native, range_offset=31.0)
     (oxford / "recording.json").write_text('{"range_resolution_m": 0.0438, "range_offset_m": -31}')
     with pytest.raises(DataError, match=r"recording.json: states a range_offset_m that no radar has"):

@@ -282,7 +282,7 @@ def test_an_encoder_of_fewer_ticks_is_named_with_its_size(tmp_path: Path, size: 
 
 
 def test_a_sweep_that_no_encoder_explains_is_said(tmp_path: Path) -> None:
-    said = "of 5600 ticks while the radar turns once: it sweeps only a part of a turn, or sensor.encoder_size must be set"
+    said = "of 5600 ticks while the radar turns once: the radar sweeps only part of a turn, or sensor.encoder_size must be"
     for path in (write_folder(tmp_path / "drive", of(4480)), write_bag(bag_path(tmp_path, "ros1"), "ros1", of(4480))):
         assert any(said in fault for fault in open_recording(path).faults)
         assert not open_recording(path, encoder_size=4480).faults

@@ -234,8 +234,8 @@ def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> No
     recording = open_recording(oxford)
     assert_same(recording, expected)
     assert recording.faults == (
-        f"radar.timestamps runs backward 5 times, first at {START_US + 4 * TURN_US}: sorted",
-        "radar.timestamps lists 1 stamp more than once: read once",
+        f"radar.timestamps runs backward 5 times, first at {START_US + 4 * TURN_US}: its lines are sorted",
+        "radar.timestamps lists 1 stamp more than once: each is read once",
     )
 
 

@@ -111,7 +111,7 @@ def test_a_damaged_stamp_is_said_and_costs_no_frame(radiate: Path) -> None:
     edit(radiate / "Navtech_Polar.txt", 3, "Frame: 000003 Time: 1234567890.1")
     recording = open_recording(radiate)
     np.testing.assert_allclose(recording.stamps_us, left_turn().stamps_us, rtol=0.0, atol=1)
-    assert recording.faults[0].startswith("the stamp of number 3 among 6 polar scans lies too far")
+    assert recording.faults[0].startswith("the stamp of polar scan number 3 among 6 lies too far")
 
 
 def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
@@ -121,4 +121,4 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     recording = open_recording(radiate)
     assert recording.stamps_us.tolist() == expected.stamps_us.tolist()
     assert recording.images.names.tolist() == expected.images.names.tolist()
-    assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
+    assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: they are sorted",)
