@@ -230,7 +230,7 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
     An odometry line right above a scan that has the scan's stamp belongs to the scan, and is always marked. Stamps of other
     lines may run back and forth (by up to a second in the Intel log). Such a line is marked if its stamp lies between the
-    stamps of the nearest lines of scans above and below.
+    stamps of the nearest lines above and below that belong to scans.
     """
     above = ((scan.odometry_above - 1, scan.stamp) for scan in scans if scan.odometry_above)
     pinned = {row for row, stamp in above if lines[row].stamp == stamp and not lines[row].anchored}

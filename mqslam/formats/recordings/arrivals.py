@@ -121,7 +121,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Returns a message on the polar scans whose stamps a mask (N,) marks: the first of their numbers, and their count."""
+    """Returns a message on the damaged stamps that a mask (N,) marks, which names the first by its number."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (

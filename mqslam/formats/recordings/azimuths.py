@@ -66,7 +66,7 @@ class Azimuths:
         """Returns how long the revolution takes [us]; None where the azimuths show no plausible duration.
 
         The duration is the time from the first azimuth to `end_us`. If the rate of the azimuths shows that they do not cover
-        exactly one revolution, it is the duration of a whole revolution at this rate.
+        exactly one revolution, the result is the duration of a whole revolution at this rate.
         """
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
         if measured is None:

@@ -108,7 +108,7 @@ def count_lost(before: Image, image: Image) -> int:
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 
-    # if the revolution before lost azimuths, most columns of its image show another azimuth
+    # if the revolution before lost azimuths, most columns of its image show another azimuth than in this image
     usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
     copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
     return int(np.argmin(copied[::-1]))

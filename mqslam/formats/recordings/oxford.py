@@ -132,7 +132,10 @@ def _find_range_offset(root: Path) -> float:
 
 
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Returns the length of a range bin [m] that the user gives or else a file states, or the usual length with a note."""
+    """Returns the length of a range bin [m], and a list with a note for the user if the length is assumed.
+
+    The length is `given`, else the length that a file of the recording states, else the usual length, which is assumed.
+    """
     if given is not None:
         return given, []
     for file in _list_descriptions(root):

@@ -228,7 +228,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if no early message is one."""
+    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if it finds none."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -440,7 +440,7 @@ class StatedRanges:
 
     Args:
         topic: topic of the message.
-        bin_length: length of a range bin [m], multiplied by the calibration's factor where the message states one.
+        bin_length: length of a range bin [m], multiplied by the factor of a calibration that the message states.
         near_end: range of the near end of bin 0 [m]; None where the message states no calibration.
     """
 
@@ -531,9 +531,9 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the encoder ticks per turn: the larger usual number if only this fits the azimuths and a reader can see it.
+    """Chooses the encoder ticks per turn: the smaller usual number, which readers assume, or the larger.
 
-    Readers take the smaller number unless an encoder value is above it.
+    The larger number is chosen if only this number fits the azimuths and an encoder value is above the smaller number.
     """
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)

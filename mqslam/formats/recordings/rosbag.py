@@ -111,7 +111,12 @@ recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of other sensors stay in memory."""
+    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of other sensors stay in memory.
+
+    Raises:
+        OfLidarError: the bag holds scans of a lidar and no topic of a radar.
+        DataError: no topic is known to be the radar's, or more than half of the radar's messages cannot be read.
+    """
     with bags.open_bag(path) as reader:
         if sensing.topics.radar is None and laserscan.holds_scans(reader):
             raise OfLidarError(path)
@@ -375,7 +380,7 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
     """Yields poses as odometry messages, with the mean twist until the next pose.
 
-    `frames` are the names of the fixed frame and of the frame whose poses these are.
+    `frames` are the names of the fixed frame and of the moving frame whose poses these are.
     """
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)

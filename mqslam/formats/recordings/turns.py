@@ -1,4 +1,4 @@
-"""Finds the durations of a radar's turns from the stamps of polar scans and, where azimuths have stamps, from these.
+"""Finds the durations of a radar's turns from the stamps of polar scans and, if there are any, of azimuths.
 
 A step is the time from the stamp of one polar scan to the stamp of the next; a gap is a step of more than one turn.
 """
