@@ -1,1 +1,1 @@
-"""File formats: recordings, trajectories, clouds, odometry."""
+"""Reads and writes files: recordings, sensors, trajectories, covariances, pose graphs, maps and point clouds."""

@@ -49,7 +49,7 @@ RESULT_TOPICS = ("/path", "/pose")
 """The topics on which the bag of a run holds its poses: without and with their covariances."""
 _TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 _MOST_METADATA_BYTES = 800_000  # limit on metadata.yaml; a day recorded in files of one minute has about 500,000
-PoseRow = tuple[int, float, float, float]
+PoseRow = tuple[int, float, float, float]  # stamp [us], x [m], y [m], yaw [rad]
 _OTHER_SCHEMAS = {
     "ros1msg": "of ROS 1 in an mcap",
     "protobuf": "in protobuf",
@@ -93,7 +93,7 @@ def explain_packed(path: Path) -> DataError | None:
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
+    """Returns whether the path is a file named `.bag`, `.mcap` or `.db3`, or a folder with a `metadata.yaml`."""
     return path.suffix in (".bag", ".mcap", ".db3") if path.is_file() else (path / "metadata.yaml").is_file()
 
 
@@ -105,7 +105,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
 
     Raises:
-        DataError: the path is no readable bag.
+        DataError: the path cannot be read as a bag.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -135,7 +135,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
 
 @contextlib.contextmanager
 def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
-    """Turns a ValueError about a message into an error of the bag that names the message."""
+    """Turns a ValueError of the block into a DataError that names the bag, the topic and the time of recording [ns]."""
     try:
         yield
     except ValueError as error:
@@ -144,7 +144,7 @@ def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
 
 
 def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
-    """Deserialises a message.
+    """Returns the message that was recorded on a connection as the bytes `raw`.
 
     Raises:
         ValueError: the message's bytes do not fit its type.
@@ -156,7 +156,7 @@ def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
 
 
 def list_topics(reader: AnyReader) -> str:
-    """Returns a text for errors that lists the bag's topics with their types, twelve at most."""
+    """Returns at most twelve of a bag's topics with their types as a text for errors, or `none` for a bag without topics."""
     return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
 
 
@@ -191,7 +191,7 @@ def name_frame(name: str) -> str:
 
 
 def stamp_of(message: Any) -> int:
-    """Returns the stamp [us] of a message's header."""
+    """Returns the stamp [us] of a message's header; 0 means that the header has no stamp."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
 
@@ -201,8 +201,8 @@ class Clock:
     """Reads the stamps of a bag's messages: the stamp in the header or, if the header has none, the time of recording.
 
     Args:
-        read: number of messages read on each topic.
-        unstamped: number of these messages whose headers have no stamp.
+        read: by topic, the number of messages whose stamps were read.
+        unstamped: by topic, the number of messages whose headers have no stamp.
     """
 
     read: dict[str, int] = field(default_factory=dict)
@@ -232,8 +232,9 @@ class PoseLog:
 
     Args:
         clock: reads the stamps of messages.
-        rows: stamp [us], x, y [m] and yaw [rad] by topic.
-        frames: by topic, the name of the frame whose poses it holds; "" where the messages do not name the frame.
+        rows: by topic, its poses in the order of the messages: stamp [us], x [m], y [m], yaw [rad].
+        frames: by topic, the name of the frame whose poses the topic holds; "" if the messages do not name the frame, and no
+            entry for a path.
     """
 
     clock: Clock = field(default_factory=Clock)
@@ -241,7 +242,7 @@ class PoseLog:
     frames: dict[str, str] = field(default_factory=dict)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Adds the pose of an odometry or pose message; the poses of a path replace all earlier ones on its topic."""
+        """Adds the pose of an odometry or pose message; the poses of a path replace all earlier poses of the topic."""
         topic = connection.topic
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.msgtype == PATH_TYPE:
@@ -252,7 +253,7 @@ class PoseLog:
         self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
 
     def trajectory(self, topic: str | None) -> Trajectory | None:
-        """Returns the finite poses on a topic in the order of their stamps, or None if there are fewer than two."""
+        """Returns the valid poses on a topic in the order of their stamps, or None for fewer than two stamps or no topic."""
         rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
         if len(rows) < 2:
             return None
@@ -260,7 +261,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a list with a note on the poses of a topic that `trajectory` leaves out; empty if it keeps all poses."""
+        """Returns a list with a note if `trajectory` leaves out a topic or invalid poses on a topic; else an empty list."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]
@@ -269,7 +270,7 @@ class PoseLog:
 
 
 def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
-    """Returns the stamp [us] and planar pose of a `geometry_msgs/Pose`."""
+    """Returns a `geometry_msgs/Pose` as a row with its stamp; the yaw is NaN if the quaternion is zero."""
     q = pose.orientation
     return stamp_us, pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
 
@@ -281,7 +282,7 @@ def describe_left_out(count: int, which: str) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Bag:
-    """A bag being written.
+    """A bag that is being written, with functions that make its messages.
 
     Args:
         writer: the writer of rosbags, for ROS 1 or ROS 2.
@@ -302,12 +303,12 @@ class Bag:
         return connection
 
     def write(self, connection: Connection, stamp_us: int, message: Any) -> None:
-        """Writes a message, with a stamp [us] as its time of recording."""
+        """Writes a message on the topic of a connection, with a stamp [us] as its time of recording."""
         serialise = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
         self.writer.write(connection, stamp_us * 1000, serialise(message, connection.msgtype))
 
     def make(self, message_type: str, *fields: Any) -> Any:
-        """Makes a message of a type from its fields in their order."""
+        """Makes a message of a type from the values of its fields, in the order in which the type defines the fields."""
         return self.store.types[message_type](*fields)
 
     def header(self, stamp_us: int, frame: str) -> Any:
@@ -322,7 +323,7 @@ class Bag:
         return self.make("std_msgs/msg/Header", *((0, stamp, frame) if self.is_ros1 else (stamp, frame)))
 
     def vector(self, x: float, y: float, z: float) -> Any:
-        """Makes a `geometry_msgs/Vector3`."""
+        """Makes a `geometry_msgs/Vector3` of three components."""
         return self.make("geometry_msgs/msg/Vector3", x, y, z)
 
     def quaternion(self, yaw: float) -> Any:
@@ -330,7 +331,7 @@ class Bag:
         return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
     def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
-        """Makes a `tf2_msgs/TFMessage` of a child frame's pose x, y [m], yaw [rad] in its parent; frames: parent, child."""
+        """Makes a `tf2_msgs/TFMessage` of a frame's pose (3,) x, y [m], yaw [rad] in its parent; frames: parent, frame."""
         x, y, yaw = pose.tolist()
         move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
         parent, child = frames
@@ -339,14 +340,14 @@ class Bag:
         )
 
     def pose(self, pose: se2.Array) -> Any:
-        """Makes a `geometry_msgs/Pose` of x, y [m], yaw [rad]."""
+        """Makes a `geometry_msgs/Pose` of a planar pose (3,): x, y [m], yaw [rad]."""
         x, y, yaw = pose.tolist()
         return self.make("geometry_msgs/msg/Pose", self.make("geometry_msgs/msg/Point", x, y, 0.0), self.quaternion(yaw))
 
 
 @contextlib.contextmanager
 def write_bag(out: Path, kind: str) -> Iterator[Bag]:
-    """Yields a new bag of one of `KINDS` to write to; it replaces `out` when the block ends without an error.
+    """Yields a new bag of one of `KINDS` to write to; the bag replaces `out` when the block ends without an error.
 
     Raises:
         OutputError: the bag cannot be written.
@@ -374,7 +375,7 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
 
 @contextlib.contextmanager
 def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
-    """Yields a new bag at a path where nothing exists yet."""
+    """Yields a new bag at a path where nothing exists yet, and closes the bag when the block ends."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2

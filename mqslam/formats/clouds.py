@@ -30,8 +30,8 @@ _NOTED_S = 1e-3  # finer time steps than this do not matter for a map and get no
 _YEAR_US = 365.25 * 86400e6
 _LONGEST_US = 10 * _YEAR_US  # longer spans of time are damaged, and would make an audit judge a huge number of windows
 _MOST_NUMBERS = 10_000  # limit on the numbers per point that a header may claim
-Columns = Mapping[str, Any]
-_RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: size of a variable-length record's header, flag of compressed points
+Columns = Mapping[str, Any]  # the values (N,) of each field of a cloud, by the name of the field
+_RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: bytes of a variable-length record's header; flag of compressed points
 _ALWAYS_BYTES: Final = 1 << 30  # limit on the memory of the Python process itself, besides the points; it uses far less
 _COPIES: Final = 4  # copies of the points that are in memory at a time while they are unpacked and written
 
@@ -40,9 +40,9 @@ _COPIES: Final = 4  # copies of the points that are in memory at a time while th
 def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedCloud:
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
-    Times are taken as seconds, above 1e11 as milliseconds, above 1e14 as microseconds and above 1e17 as nanoseconds, unless
-    the field's name ends in a unit (t_us). The `map.ply` of a run states in a comment how long a scan takes. In older files
-    the comment also states the stamp from which times are counted.
+    Times are in the unit that the field's name ends in (t_us). Without a unit in the name the largest time decides: it is in
+    nanoseconds above 1e17, in microseconds above 1e14, in milliseconds above 1e11, else in seconds. The `map.ply` of a run
+    states in a comment how long a scan takes; in older files the comment also states the stamp from which times are counted.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t;
@@ -50,7 +50,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         z_range: lowest and highest z [m] to keep; None keeps every point, whatever its z.
 
     Raises:
-        DataError: the file cannot be read, or has no times or no points.
+        DataError: the file cannot be read, has no times or no points, or lacks the z that `z_range` needs.
     """
     load = _LOADERS.get(path.suffix.lower())
     if load is None:
@@ -73,7 +73,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud from the columns of a file."""
+    """Makes a cloud from the fields of a file, or raises a DataError; `z_range` [m] is as in `read_cloud`."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")
@@ -113,7 +113,10 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
 
 
 def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
-    """Joins whole seconds (N,) and their nanoseconds (N,) to times in nanoseconds."""
+    """Joins whole seconds (N,) and their nanoseconds (N,) to times (N,) [ns].
+
+    If the arrays are not both of integers, the seconds are taken alone. Nanoseconds above 1e9 are complete times already.
+    """
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
     if np.abs(parts).max(initial=0) >= 10**9:  # the parts are complete times already
@@ -122,7 +125,7 @@ def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
 
 
 def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
-    """Returns a column (N,), and checks that it holds one number per point."""
+    """Returns the values (N,) of a field, or raises a DataError if the field does not hold one number per point."""
     column: NDArray[Any] = np.asarray(columns[name])
     if column.ndim != 1 or column.dtype.kind not in "iuf":
         raise DataError(path, f"{name} is {column.ndim}-dimensional {column.dtype}, not a number per point", _WANTED)
@@ -130,7 +133,11 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Returns a note on the step between single-precision times, or "" if it is small; a step too large is an error."""
+    """Returns a note on the step between single-precision times (N,) [s], or "" if the step is small.
+
+    Raises:
+        DataError: the step is too large to tell one scan from the next.
+    """
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
@@ -139,7 +146,7 @@ def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
 
 
 def _load_ply(path: Path) -> Columns:
-    """Loads the properties of the vertices of a PLY."""
+    """Loads the properties of the vertices of a PLY by name."""
     from plyfile import PlyData
 
     content = PlyData.read(str(path))
@@ -150,7 +157,7 @@ def _load_ply(path: Path) -> Columns:
 
 
 def _load_pcd(path: Path) -> Columns:
-    """Loads the fields of a PCD."""
+    """Loads the fields of a PCD by name."""
     try:
         from pypcd4.pypcd4 import MetaData, PointCloud
     except ModuleNotFoundError as error:
@@ -177,7 +184,7 @@ def _load_pcd(path: Path) -> Columns:
 
 
 def _load_las(path: Path) -> Columns:
-    """Loads the dimensions of a LAS or LAZ, with coordinates in metres."""
+    """Loads the dimensions of a LAS or LAZ by name; x, y and z are the scaled coordinates [m]."""
     try:
         import laspy
         import lazrs  # noqa: F401 - which laspy looks for only once it unpacks points
@@ -193,13 +200,13 @@ def _load_las(path: Path) -> Columns:
 
 
 def _name_missing(path: Path, library: str) -> DataError:
-    """Returns the error for a cloud whose library is not installed."""
+    """Returns the error for a cloud whose library, `pcd` or `las` for `describe_missing`, is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
 
 
 def _load_npz(path: Path) -> Columns:
-    """Loads the arrays of an `.npz` that a cloud needs; all others are listed by name, without their content."""
+    """Loads by name the arrays of an `.npz` that a cloud needs; all other names have an empty tuple in place of an array."""
     with npz.open_npz(path, _WANTED) as archive:
         names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
@@ -224,10 +231,10 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
 
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
-    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ, which is deleted afterwards.
+    """Yields an uncompressed LAS file: the file itself, or an unpacked copy of a LAZ that is deleted when the block ends.
 
     Raises:
-        DataError: the file cannot be unpacked.
+        DataError: the file is damaged, states more points than it can hold, or cannot be unpacked.
     """
     compressed, points_bytes = _read_size(path)
     if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
@@ -250,7 +257,10 @@ def unpack(path: Path) -> Iterator[Path]:
 
 
 def write_unpacked(words: list[str]) -> bytes:
-    """Unpacks the LAZ file at the first path into a LAS file at the second; `call_apart` calls it in another process."""
+    """Unpacks the LAZ file at the first path into a LAS file at the second path, and returns no bytes.
+
+    `call_apart` calls this function in another process, whose memory is limited.
+    """
     import laspy
 
     backend = laspy.LazBackend.Lazrs  # the parallel backend aborts on damaged chunks
@@ -263,7 +273,7 @@ def write_unpacked(words: list[str]) -> bytes:
 
 
 def _read_size(path: Path) -> tuple[bool, int]:
-    """Returns whether the points of a LAS or LAZ file are compressed, and how many bytes of points its header claims."""
+    """Returns whether the points of a LAS or LAZ file are compressed, and the unpacked size [bytes] that its header states."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")
     (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)
@@ -272,7 +282,10 @@ def _read_size(path: Path) -> tuple[bool, int]:
 
 
 def _is_plausible(path: Path) -> bool:
-    """Returns whether a file can hold the records and chunks that it claims: laspy and lazrs allocate memory for them."""
+    """Returns whether a LAS or LAZ file is large enough for the records and chunks that its header states.
+
+    laspy and lazrs allocate memory for these numbers before they read any record or chunk.
+    """
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(107).ljust(107, b"\0")
@@ -297,7 +310,13 @@ def _is_plausible(path: Path) -> bool:
 
 
 def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether the item sizes that a LAZ file states add up to the bytes of a point; if not, lazrs would crash."""
+    """Returns whether the item sizes that a LAZ file states add up to the size of a point; if not, lazrs would crash.
+
+    Args:
+        block: bytes of the variable-length records, one of which states the sizes.
+        records: number of these records.
+        point_bytes: size of an unpacked point [bytes].
+    """
     at = 0
     for _ in range(records):
         user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)

@@ -17,7 +17,7 @@ from mqslam.formats.recordings import list_targets
 from mqslam.formats.recordings.derived import watch
 from mqslam.formats.recordings.layout import Message, Target
 
-_FOLDER = "oxford"  # layout of a folder if the user names none
+_FOLDER = "oxford"  # the layout of a folder if the user names no layout
 _LEFT = "is left behind: mqslam does not write it in this layout"
 
 
@@ -27,7 +27,7 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
     Args:
         out: the file or folder.
         name: name of the layout; None chooses the layout with the path's suffix, or Oxford's if it has no suffix.
-        message: type of the messages in which a bag holds polar scans.
+        message: type of the messages in which a bag holds polar scans; ignored for layouts other than bags.
 
     Raises:
         ConfigError: the layout is unknown, or the path's suffix belongs to another layout.
@@ -101,7 +101,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:
-    """Returns a trajectory, or None if it has a single pose, which no reader accepts as a trajectory."""
+    """Returns a trajectory, or None if it is None or has fewer than two poses, which readers do not accept."""
     return track if track is None or len(track) > 1 else None
 
 
