@@ -115,7 +115,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
 def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
     """Joins whole seconds (N,) and their nanoseconds (N,) to times (N,) [ns].
 
-    If the arrays are not both of integers, the seconds are taken alone. Nanoseconds above 1e9 are complete times already.
+    If the arrays are not both of integers, the seconds are taken alone. Nanoseconds of 1e9 or more are complete times.
     """
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
@@ -273,7 +273,7 @@ def write_unpacked(words: list[str]) -> bytes:
 
 
 def _read_size(path: Path) -> tuple[bool, int]:
-    """Returns whether the points of a LAS or LAZ file are compressed, and the unpacked size [bytes] that its header states."""
+    """Returns whether the points of a LAS or LAZ file are compressed, and their unpacked size [bytes] by its header."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")
     (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)

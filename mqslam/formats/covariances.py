@@ -22,12 +22,12 @@ from mqslam.formats.text import read_lines
 from mqslam.formats.tum import WIDE, format_tum, read_tum
 
 _COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
-_ROUNDING: Final = 1e-9  # as correlations, rounded terms may exceed the limits of a covariance by this much
+_ROUNDING: Final = 1e-9  # through rounding, correlations may exceed 1, and their eigenvalues fall below 0, by this much
 _REMEDY: Final = (
     "give covariances.csv as a run writes it, TUM with the covariance after the pose (36, 21 or 12 more numbers), or a bag "
     "with PoseWithCovarianceStamped or Odometry"
 )
-_PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw of a covariance of x, y, z and the rotations about them
+_PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw in a covariance (6, 6) of x, y, z and the rotations about them
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class StampedCovariances:
 
     Args:
         stamps_us: (N,) [us], increasing.
-        covariances: (N, 3, 3) of x [m], y [m] and yaw [rad].
-        of_first_pose: True if the covariances are in the frame of the first pose, as a run writes them; False if they are
-            in the frame in which the trajectory's poses are given, as in ROS.
+        covariances: (N, 3, 3) covariances in x, y [m] and yaw [rad].
+        of_first_pose: True if x and y are the axes of the first pose, as a run writes covariances; False if x and y are the
+            axes of the frame in which the trajectory's poses are given, as in ROS.
     """
 
     stamps_us: NDArray[np.int64]
@@ -50,7 +50,7 @@ class StampedCovariances:
 
 
 def write_covariances(path: Path, given: StampedCovariances) -> None:
-    """Writes a row per pose: its stamp [us] and the six terms of its covariance [m^2, m rad, rad^2]."""
+    """Writes a CSV row per pose: its stamp [us] and the upper triangle of its covariance in x, y [m] and yaw [rad]."""
     lines = [",".join(_COLUMNS)]
     for stamp, covariance in zip(given.stamps_us.tolist(), given.covariances, strict=True):
         lines.append(",".join([str(stamp), *(f"{term:.12g}" for term in covariance[np.triu_indices(3)])]))
@@ -73,9 +73,9 @@ def write_wide(path: Path, trajectory: Trajectory, given: StampedCovariances) ->
 def list_known(
     trajectory: Trajectory, given: StampedCovariances
 ) -> Iterator[tuple[tuple[int, float, float, float], NDArray[np.float64]]]:
-    """Yields stamp [us], x, y [m] and yaw [rad] of each pose whose covariance is known, and its covariance (3, 3).
+    """Yields each pose whose covariance is known, as (stamp [us], x [m], y [m], yaw [rad]), and its covariance (3, 3).
 
-    The covariances are in the frame of the trajectory.
+    The covariances, in x, y [m] and yaw [rad], are in the frame of the trajectory.
     """
     turn = float(trajectory.poses[0, 2]) if given.of_first_pose else 0.0
     known = dict(zip(given.stamps_us.tolist(), given.covariances, strict=True))
@@ -85,7 +85,7 @@ def list_known(
 
 
 def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a covariance (3, 3) of x, y and yaw as the 36 terms of ROS's PoseWithCovariance."""
+    """Returns a covariance (3, 3) in x, y [m] and yaw [rad] as the terms (36,) of ROS's PoseWithCovariance, row by row."""
     whole = np.zeros((6, 6))
     whole[_PLANAR] = covariance
     return whole.reshape(-1)
@@ -96,9 +96,9 @@ def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
     - CSV as `write_covariances` writes it, in the frame of the first pose.
-    - TUM with more numbers after the pose: 36 or the 21 of the upper triangle, of x, y, z and the rotations about them; or
-      12, which are the upper triangles of rotation and position, as OpenVINS writes them.
-    - A ROS bag with PoseWithCovarianceStamped, or else Odometry, on one topic.
+    - TUM with more numbers after the pose: the 36 terms of a covariance of x, y, z and the rotations about these axes, the
+      21 terms of its upper triangle, or, as OpenVINS writes it, 12 terms: the upper triangles of rotation and position.
+    - A ROS bag with one topic of PoseWithCovarianceStamped or, if it has none, one topic of Odometry.
 
     Raises:
         DataError: the file cannot be read, has other columns or a row that is not made of numbers, its stamps do not
@@ -133,7 +133,7 @@ def _is_wide(lines: Sequence[str]) -> bool:
 
 
 def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
-    """Returns the covariances after the poses of a TUM file."""
+    """Returns the covariances that follow the poses in the lines of a TUM file, or raises a DataError."""
     covariances = []
     for number, line in enumerate(lines, 1):
         words = line.split("#", 1)[0].split()
@@ -150,7 +150,7 @@ def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
 
 
 def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) of x, y and yaw from the 36, 21 or 12 terms after a pose."""
+    """Returns the covariance (3, 3) in x, y and yaw from the terms (36,), (21,) or (12,) that follow a pose."""
     if len(terms) == 36:
         return terms.reshape(6, 6)[_PLANAR]
     whole = np.zeros((6, 6))
@@ -183,7 +183,7 @@ def _read_bag(path: Path) -> StampedCovariances:
 
 
 def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
-    """Returns the stamp [us] and the covariance (3, 3) of a line."""
+    """Returns the stamp [us] and the covariance (3, 3) of the line with this number in a CSV, or raises a DataError."""
     words = line.split(",")
     try:
         stamp, terms = int(words[0]), np.array([float(word) for word in words[1:]])
@@ -197,10 +197,10 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
 
 
 def _check(path: Path, place: str, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a symmetric matrix (3, 3) after a check that it is a covariance, up to rounding.
+    """Checks that a symmetric matrix (3, 3) is a covariance, up to rounding, and returns it.
 
     Raises:
-        DataError: it is no covariance; the error names the place in the file.
+        DataError: the matrix is no covariance; the error names its place in the file.
     """
     if not np.all(covariance.diagonal() > 0.0):
         raise DataError(path, f"{place} has a variance that is not positive", _REMEDY)

@@ -1,4 +1,4 @@
-"""Reads and writes power images: 8-bit grey PNG files, and PNGs or JPEGs in messages."""
+"""Reads and writes images of polar scans: 8-bit grey PNG files, and PNGs or JPEGs in messages."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
 
 
 class NotGreyError(ValueError):
-    """An image that is not 8-bit grey."""
+    """Raised for an image that is not 8-bit grey."""
 
 
 class TooLargeError(ValueError):
-    """An image with more pixels than any polar scan has."""
+    """Raised for an image with more pixels than any polar scan has."""
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -45,7 +45,7 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
 
 def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np.uint8]:
-    """Decodes the pixels (rows, columns) of an 8-bit grey image in one of Pillow's formats.
+    """Decodes the pixels (rows, columns) of an 8-bit grey image in one of the given formats, by Pillow's names.
 
     Raises:
         ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or too large for a polar scan.
@@ -75,23 +75,23 @@ def check_size(height: int, width: int) -> None:
     """Checks that an image (height, width) can be a polar scan.
 
     Raises:
-        TooLargeError: it has over 16 million pixels, or a side over 65,535.
+        TooLargeError: the image has over 16 million pixels, or a side of over 65,535 pixels.
     """
     if height * width > _MOST_PIXELS or max(height, width) > _LONGEST_SIDE:
         raise TooLargeError(f"is too large for one polar scan ({width} x {height} pixels)")
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:
-    """Lists the stamps t (N,) of the images `<t>.png` in a folder, in increasing order; other files are ignored."""
+    """Lists the stamps t (N,), in any unit, of the images `<t>.png` in a folder in increasing order; ignores other files."""
     names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
     return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
 
 
 def list_numbers(folder: Path) -> Iterator[str]:
-    """Yields, in any order, the names without `.png` of the images in a folder whose names are decimal digits.
+    """Yields, in any order and without `.png`, the names of the images in a folder that are made of decimal digits.
 
     Raises:
-        DataError: an image is a link to a file outside the folder's parent. All images must lie in the recording itself.
+        DataError: an image is a link to a file outside the folder's parent folder, and so maybe outside the recording.
     """
     inside = folder.resolve().parent
     with os.scandir(folder) as entries:
@@ -108,16 +108,16 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
     """Reads the first image that can be read.
 
     Args:
-        names: names of the images, in the order in which they are tried.
+        names: names of the images, at least one, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
-        place: "first" or "last": the end of the recording at which the names begin, for the fault.
+        place: "first" or "last": whether the names begin at the start or the end of the recording, for the fault.
 
     Returns:
-        The image, the number of images before it that could not be read, and a list with a fault for the user if there
-        are such images.
+        What `read` returned for the image, the number of images before it that could not be read, and a list that holds a
+        fault for the user if there are such images.
 
     Raises:
-        DataError: half of the images could not be read.
+        DataError: at least half of the images could not be read.
     """
     errors: list[DataError] = []
     for name in names:
@@ -138,7 +138,10 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Writes an 8-bit grey PNG at the lowest compression level, which is many times faster for hardly larger files."""
+    """Writes pixels (rows, columns) as an 8-bit grey PNG.
+
+    The lowest compression level is many times faster than the usual level, and the files are hardly larger.
+    """
     from PIL import Image
 
     Image.fromarray(image).save(path, compress_level=1)

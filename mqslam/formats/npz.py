@@ -44,7 +44,7 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
 
 
 def list_arrays(archive: zipfile.ZipFile) -> list[str]:
-    """Lists the names of the arrays in an archive."""
+    """Lists the names of the arrays in an archive, without their ending `.npy`."""
     return [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
 
 

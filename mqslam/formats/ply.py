@@ -34,7 +34,7 @@ class MapClock:
 
 
 def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> None:
-    """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
+    """Writes a binary little-endian PLY with the vertex properties x, y, z [m], intensity, time [s] and psi; z is 0.
 
     Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all properties; time is a double, the others are floats.
 
@@ -60,7 +60,7 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
 
 
 def _format_header(count: int, clock: MapClock | None) -> str:
-    """Returns the header of a PLY with `count` points."""
+    """Returns the header of a PLY with `count` points, with a comment on the clock if it is given."""
     lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
         lines.append(f"comment mqslam clock: times are seconds since 0 us, a scan takes {clock.scan_us} us")

@@ -41,7 +41,7 @@ def round_yaw(yaw: float) -> float:
 
 
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Marks the rows (N,) of numbers (N, D) [m or rad] that are finite and small enough to be positions or poses."""
+    """Marks the rows (N,) of positions or poses (N, D) [m or rad] whose numbers are finite and at most 1e9 in size."""
     return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # NaN compares as false
 
 

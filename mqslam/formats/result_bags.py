@@ -46,7 +46,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
     """Writes the results of a run as a bag, completely or not at all.
 
     Map, points and path are latched messages at the first stamp. The transforms lead from the map's frame to the frame of
-    the radar or the vehicle, and have the stamps of their scans.
+    the radar or the vehicle, and have the stamps of the trajectory's poses.
 
     Args:
         out: the file or folder.
@@ -78,7 +78,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 
 def _find_moved(summary: Path) -> str:
-    """Returns the name of the frame whose poses a run has written, the radar's or the vehicle's, from its summary."""
+    """Returns the frame, the radar's or the vehicle's, whose poses a run has written, as the run's summary states it."""
     try:
         stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions state no frame and have the radar's poses
@@ -88,7 +88,7 @@ def _find_moved(summary: Path) -> str:
 
 
 def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
-    """Makes a path message of all poses."""
+    """Makes a `nav_msgs/Path` of all poses."""
     poses = [
         bag.make(POSE_TYPE, bag.header(stamp, WORLD_FRAME), bag.pose(pose))
         for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True)
@@ -97,7 +97,7 @@ def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
 
 
 def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
-    """Makes the message that map_server would publish for the run's map."""
+    """Makes the `nav_msgs/OccupancyGrid` that map_server would publish for the map of a run."""
     grid = read_nav2_map(run / "map.yaml")
     header = bag.header(stamp_us, WORLD_FRAME)
     height, width = grid.cells.shape
@@ -106,7 +106,7 @@ def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
 
 
 def _make_cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
-    """Makes a point cloud message of the map's points with their intensities."""
+    """Makes a `sensor_msgs/PointCloud2` of the points in a run's `map.ply` with their intensities."""
     points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
     fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
     step = 4 * len(_COLUMNS)

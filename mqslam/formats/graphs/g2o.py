@@ -26,7 +26,7 @@ _TURNED: Final = [3, 4, 5, 0, 1, 2]  # order of a pose's variables: GTSAM has th
 
 
 class _Kind(NamedTuple):
-    """The form in which one kind of poses, planar or spatial, is written.
+    """The form in which a g2o file states one kind of poses, planar or spatial.
 
     Args:
         vertex, edge: the first words of the lines of a vertex and of an edge.
@@ -51,7 +51,8 @@ class _Edge(NamedTuple):
     Args:
         line: number of the line.
         ends: numbers of its two vertices.
-        numbers: the pose of the second vertex in the frame of the first, and the upper triangle of the information matrix.
+        numbers: the pose of the second vertex in the frame of the first vertex, followed by the upper triangle of the
+            information matrix.
     """
 
     line: int
@@ -67,10 +68,10 @@ _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_
 
 
 def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
-    """Formats the graph of a run as text.
+    """Returns the graph of a run as the text of a g2o file.
 
-    Vertices are numbered from 0: the scans first, and the submaps after them. The factors and the variables that gyroscope
-    and GNSS have added to the graph are left out.
+    Vertices are numbered from 0: the scans first, and the submaps after them. The factors and variables of the gyroscope and
+    GNSS are left out.
 
     Args:
         factors: the graph, of which the between-factors are written.
@@ -85,12 +86,13 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
 
 
 def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> str:
-    """Formats poses and the edges between them as text.
+    """Returns poses and the edges between them as the text of a g2o file.
 
-    If a factor's noise model is robust, the Gaussian under its loss is written. GTSAM's own writer refuses robust noise.
+    If a factor's noise model is robust, the Gaussian noise model inside it is written. GTSAM's own writer refuses robust
+    noise models.
 
     Args:
-        factors: the graph, of which the factors between two of these poses are written.
+        factors: the graph, of which the between-factors that join two of these poses are written.
         values: values of all poses, Pose2 or Pose3.
         keys: keys of the poses; vertices are numbered from 0 in this order.
     """
@@ -139,12 +141,14 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
-    Comments (`#`) are left out. Vertices that `FIX` names stay fixed; without `FIX`, the vertex with the lowest number does.
+    Comments (`#`) are left out. Vertices that `FIX` names stay fixed; without `FIX`, the vertex with the lowest number stays
+    fixed.
     GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
     know, makes up missing vertices, and accepts any matrix as an information matrix.
 
     Raises:
-        DataError: the file cannot be read, or has a line of any other kind.
+        DataError: the file cannot be read, has a line of any other kind, an edge to a missing vertex, or an information
+            matrix that is not positive definite.
     """
     import gtsam
 
@@ -183,7 +187,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
 
 
 def _guess_content(words: Sequence[str]) -> str:
-    """Guesses the content of a file that is no graph from the words of its first line; returns "" if that is unclear."""
+    """Returns the end of an error about a file that is no graph: what its first line looks like, or "" if unclear."""
     try:
         for word in words:
             float(word)
@@ -195,7 +199,13 @@ def _guess_content(words: Sequence[str]) -> str:
 def _parse_lines(
     path: Path, lines: Iterable[tuple[int, list[str]]], kind: _Kind
 ) -> tuple[dict[int, list[float]], list[_Edge], set[int]]:
-    """Returns the numbers of each vertex's pose, the edges, and the numbers of the vertices that stay fixed."""
+    """Returns the pose of each vertex, the edges, and the vertices that `FIX` names, or raises a DataError.
+
+    Args:
+        path: the file, for errors.
+        lines: number and words of each line.
+        kind: the kind of all poses in the file.
+    """
     poses, edges, held = dict[int, list[float]](), list[_Edge](), set[int]()
     for line, words in lines:
         tag = words[0]
@@ -238,7 +248,11 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
 
 
 def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArray[np.float64]:
-    """Returns the information matrix of every edge, (E, 3, 3) or (E, 6, 6), in GTSAM's order of the variables."""
+    """Returns the information matrix of every edge, (E, 3, 3) or (E, 6, 6), in GTSAM's order of the variables.
+
+    Raises:
+        DataError: a matrix is not positive definite.
+    """
     matrices = np.zeros((len(edges), kind.width, kind.width))
     rows, columns = np.triu_indices(kind.width)
     matrices[:, rows, columns] = matrices[:, columns, rows] = [edge.numbers[kind.size :] for edge in edges]
@@ -250,7 +264,7 @@ def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArr
 
 
 def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
-    """Makes a pose from its numbers in a line: 3 if it is planar, 7 if it is spatial."""
+    """Makes a pose of x, y [m], yaw [rad], or of x, y, z [m] and a quaternion x, y, z, w of any norm but 0."""
     import gtsam
 
     if len(numbers) == _PLANAR.size:
@@ -261,7 +275,7 @@ def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
 
 
 def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
-    """Returns the kind and the numbers of the pose that the values hold for a key."""
+    """Returns the kind and the numbers of the pose that is the value of a key, as `_read_pose` does."""
     pose = find_pose(values, key)
     assert pose is not None, key
     return _read_pose(pose)
@@ -276,7 +290,7 @@ def find_pose(values: gtsam.Values, key: int) -> gtsam.Pose2 | gtsam.Pose3 | Non
 
 
 def _read_pose(pose: gtsam.Pose2 | gtsam.Pose3) -> tuple[_Kind, list[float]]:
-    """Returns the kind of a pose, and its numbers: x, y and yaw, or x, y, z and a quaternion (x, y, z, w)."""
+    """Returns the kind of a pose, and its numbers: x, y [m], yaw [rad], or x, y, z [m] and a quaternion x, y, z, w."""
     import gtsam
 
     if isinstance(pose, gtsam.Pose2):
@@ -286,7 +300,7 @@ def _read_pose(pose: gtsam.Pose2 | gtsam.Pose3) -> tuple[_Kind, list[float]]:
 
 
 def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3) -> NDArray[np.float64]:
-    """Returns the information matrix of a factor's noise, or of the Gaussian under its loss, in g2o's order."""
+    """Returns the information matrix of a factor's noise model, or of the Gaussian inside a robust one, in g2o's order."""
     import gtsam
 
     noise = factor.noiseModel()
@@ -297,7 +311,7 @@ def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose
 
 
 def _join(numbers: Iterable[float], digits: int = 9) -> str:
-    """Joins numbers to a text, with `digits` significant digits and spaces between them."""
+    """Returns numbers as a text, with `digits` significant digits each and spaces between them."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
@@ -309,7 +323,7 @@ class StoredGraph:
         factors: the graph.
         values: the values of all variables, as the file has them.
         keys: keys of the poses, Pose2 or Pose3, in increasing order.
-        held: keys of the poses that stay fixed, to anchor the graph; empty if its factors anchor it.
+        held: keys of the poses that stay fixed because no factor states where the graph lies; empty if a factor does.
     """
 
     factors: gtsam.NonlinearFactorGraph

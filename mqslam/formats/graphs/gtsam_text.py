@@ -1,4 +1,4 @@
-"""Reads graphs and values in GTSAM's own format: the text archives of boost that `serialize` makes."""
+"""Reads graphs and values in GTSAM's own format: the text archives of the Boost library that GTSAM's `serialize` returns."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def recognises(path: Path) -> bool:
 
 @untrusted.reads_file
 def read_gtsam(graph: Path, values: Path) -> StoredGraph:
-    """Reads a graph and the values of its variables.
+    """Reads a graph, and from a second file the values of its variables.
 
-    The first pose stays fixed unless a factor on a single pose, such as a prior or a GNSS position, anchors the graph.
+    The pose with the lowest key stays fixed unless a factor on a single pose, such as a prior, states where the graph lies.
 
     Raises:
         DataError: a file cannot be read, a variable has no value, there is no pose, or the graph's error is not finite.
@@ -72,7 +72,7 @@ def write_again(words: list[str]) -> bytes:
 
 
 def _read_again(path: Path, kind: str) -> str:
-    """Returns the content of an archive after a separate process has read it and written it again."""
+    """Returns the archive of a GTSAM class named `kind` after a separate process has read it and written it again."""
     if not path.exists():
         raise DataError(path, "does not exist", "check the path")
     if not recognises(path):

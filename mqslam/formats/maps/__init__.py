@@ -1,1 +1,1 @@
-"""Files of maps: occupancy grids, keyframes, and georeferenced maps."""
+"""Reads and writes maps: occupancy grids, keyframes, and georeferenced maps."""

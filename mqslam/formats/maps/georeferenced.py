@@ -1,7 +1,8 @@
-"""Writes an occupancy grid as a GeoTIFF (OGC 19-008r4), which GIS programs show on other maps, and a path as GeoJSON.
+"""Writes an occupancy grid as a GeoTIFF (OGC 19-008r4), which GIS programs show on other maps, and a trajectory as GeoJSON.
 
-The GeoTIFF's coordinates are a transverse Mercator projection about the map's own tangent plane: within some kilometres the
-two differ by less than a millimetre. An affine transformation in the file leads from pixels to these coordinates.
+The GeoTIFF's coordinates are a transverse Mercator projection about the origin of the map's tangent plane. Within some
+kilometres the projection and the plane differ by less than a millimetre. An affine transformation in the file leads from
+pixels to these coordinates.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
 
 
 def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.ImageFileDirectory_v2:
-    """Returns the tags that georeference the pixels: the upper left corner of the first pixel is that corner of the map."""
+    """Returns the tags that georeference the pixels; the first pixel is the grid's cell at the lowest x and highest y."""
     c, s, step = np.cos(place.pose[2]), np.sin(place.pose[2]), grid.resolution
     left, top = grid.origin[0], grid.origin[1] + step * grid.occupied.shape[0]
     x, y = place.pose[0] + c * left - s * top, place.pose[1] + s * left + c * top
@@ -84,7 +85,7 @@ def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> No
 
     Args:
         path: the file.
-        trajectory: poses in the map.
+        trajectory: poses in the map's frame.
         place: where the map lies on the Earth.
 
     Raises:

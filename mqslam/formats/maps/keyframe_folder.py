@@ -1,8 +1,8 @@
 """Writes and reads the keyframes of a map as a folder, so that the map can be used without the recordings.
 
     index.json       format, version, sizes, recordings, and the settings with which places were described
-    keyframes.npy    (K,) one record per keyframe
-    points.npy       (M,) one record per return; the returns of a keyframe follow each other
+    keyframes.npy    (K,) one record per keyframe, in the units and frames of `mqslam.core.keyframes.Keyframes`
+    points.npy       (M,) one record per return, as `KEYFRAME_POINT` describes; the returns of a keyframe follow each other
     places.npy       (P,) index of the keyframe at each place
     descriptors.npy  (P, R, S) descriptor of each place, by rings and sectors
 
@@ -101,7 +101,7 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
 
 
 def find_keyframes(path: Path) -> Path | None:
-    """Returns the folder of keyframes at a path, or within the result at the path, or None if there is none."""
+    """Returns the path if it is a folder of keyframes, else the folder of keyframes in the result there, else None."""
     for folder in (path, path / FOLDER):
         if (folder / "index.json").is_file():
             return folder
@@ -110,7 +110,7 @@ def find_keyframes(path: Path) -> Path | None:
 
 @untrusted.reads_file
 def read_keyframes(path: Path) -> KeyframeMap:
-    """Opens a map; its points and descriptors are checked, and stay on disk until they are needed.
+    """Opens a map and checks it; its points and descriptors stay on the disk, and are loaded as they are needed.
 
     Args:
         path: the folder of keyframes, or the folder of the result that holds it.
@@ -161,7 +161,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
-    """Checks that the numbers (N,) of a memory-mapped file are finite and not too large, and releases its memory."""
+    """Checks that the numbers (N,) of a memory-mapped file are finite and at most 1e9, and releases the file's memory."""
     for begin in range(0, len(numbers), _AT_A_TIME):
         if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
             raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)
@@ -170,7 +170,7 @@ def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
 
 @untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
-    """Reads and checks index.json."""
+    """Returns the content of index.json after a check, or raises a DataError."""
     try:
         index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])

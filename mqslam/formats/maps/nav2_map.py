@@ -17,7 +17,7 @@ from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside, write_text
 from mqslam.formats.poses import mark_places
 
-_WIDEST_M = 1e3  # no map has wider cells
+_WIDEST_M = 1e3  # no map has wider cells [m]
 _OCCUPIED = 0
 _FREE = 254
 _UNKNOWN = 205
@@ -84,7 +84,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None
 
 @untrusted.reads_file
 def read_nav2_map(file: Path) -> Nav2Map:
-    """Reads a `map.yaml` and the image it names, as map_server would.
+    """Reads a `map.yaml` and the image that it names as map_server would in the mode `trinary` with `negate: 0`.
 
     Raises:
         DataError: a file cannot be read, or the files hold no map that map_server can load.
