@@ -24,7 +24,7 @@ _TIME_NAME = re.compile(
 
 
 def time_unit(name: str) -> str | None:
-    """Returns the unit of time that the name of a field or column states.
+    """Returns the unit, one of `UNITS`, that the name of a field or column of times states.
 
     The result is "" for a name of times without a unit, such as t, timestamp or GpsTime, and None for any other name.
     """
@@ -47,8 +47,8 @@ def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
     """Guesses the unit of stamps that were taken for microseconds, but lie outside a recording.
 
     Args:
-        first: the first stamp as the file states it, as a whole number of its unit.
-        last: the last stamp, likewise.
+        first: the first stamp as the file states it, a whole number of the unknown unit.
+        last: the last stamp as the file states it, in the same unit.
         start_us: start of the recording [us].
         end_us: end of the recording [us].
 
@@ -84,7 +84,7 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
 
 
 def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int64], str]:
-    """Returns finite numbers (N,) of any type as stamps (N,) [us], and their unit, which is guessed if none is given.
+    """Returns finite numbers (N,) of any type as stamps (N,) [us], and the numbers' unit; a unit of "" is guessed.
 
     Raises:
         ValueError: a stamp lies beyond any clock.
@@ -102,8 +102,8 @@ def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArra
     """Marks the values (N,) of the longest increasing subsequence, so that stray values are left out.
 
     Args:
-        values: N values.
-        strictly: whether values must increase strictly; if False, they may also stay the same.
+        values: the values (N,), in any unit.
+        strictly: whether each value must be larger than the value before; if False, both may be equal.
     """
     find = bisect_left if strictly else bisect_right
     tails: list[float] = []

@@ -35,7 +35,7 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
 }
 """Units of lengths, angles, speeds and turn rates in lower case, with their factors to m, deg, rad, m/s and rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
-_LONGEST_LINE = 10_000  # characters; a file whose first line is longer is no table
+_LONGEST_LINE = 10_000  # a file whose first line has more characters is no table
 _LISTED = 20  # an error lists at most this many columns
 _REPAIR = "repair or remove its line"
 _GIVE_STAMPS = "give stamps in s, us or ns"
@@ -46,12 +46,12 @@ Wanted = Sequence[tuple[str, dict[str, float]]]
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """The line of a table that names its columns.
+    """The first line of a table, which names the columns unless the table has no header.
 
     Args:
         path: the file.
         names: words of the line, in lower case.
-        line: number of lines up to and including it.
+        line: number of the line in the file, from 1.
     """
 
     path: Path
@@ -60,14 +60,14 @@ class Header:
 
     @property
     def holds_numbers(self) -> bool:
-        """Whether the line is already a row of numbers, so that the table has no header."""
+        """Whether the line is a row of numbers, since the table has no header."""
         try:
             return bool(np.isfinite(float(self.names[0])))
         except ValueError:
             return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
-        """Returns the numbers of the columns that have these full names; `remedy` is the advice of the error.
+        """Returns the numbers, from 0, of the columns with exactly these names; `remedy` is the advice of the error.
 
         Raises:
             DataError: a column is missing.
@@ -85,10 +85,11 @@ class Header:
             units: units that the column may have, with their factors.
 
         Returns:
-            The column's number, and the factor that converts it to the first of the units; None if no column has the name.
+            The column's number, and the factor that converts its cells to the first of the units (1 if the column states no
+            unit); None if no column has the name.
 
         Raises:
-            DataError: the column states another unit.
+            DataError: the column states a unit that is not one of `units`.
         """
         if name in self.names:
             return self.names.index(name), 1.0
@@ -109,7 +110,7 @@ class Header:
         return None
 
     def find_all(self, wanted: Wanted, remedy: str) -> tuple[list[tuple[int, str]], list[int], NDArray[np.float64]]:
-        """Returns the columns of stamps, as `find_stamps` does, and the numbers and factors of the wanted columns.
+        """Returns the columns of stamps, as `find_stamps` does, and the numbers and factors (W,) of the W wanted columns.
 
         Raises:
             DataError: a column is missing, or states a unit that cannot be converted.
@@ -131,12 +132,12 @@ class Header:
 
 
 def split_header(line: str) -> tuple[str, ...]:
-    """Splits the header line of a table, which may be a comment or have quoted words, into column names in lower case."""
+    """Returns the column names, in lower case, in a header line, which may be a comment and may have quoted names."""
     return tuple(word.strip(" \"'\ufeff\r\n").lower() for word in line.lstrip("# ").split(","))
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Returns number and unit of the column of stamps, or of the two columns with their seconds and nanoseconds."""
+    """Returns the numbers and units of the columns of stamps: none, one, or two with seconds and nanoseconds."""
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
     return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
@@ -185,10 +186,10 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "", remedy: str = 
 
 
 def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
+    """Reads the stamps (N,) [us] and the cells (N, len(columns)) of numbered columns of a CSV with or without a header.
 
-    The first column holds whole stamps in us or ns, which are too long for a float. Rows are returned in the order of their
-    stamps; of rows with the same stamp, only the first is kept.
+    The first column holds whole stamps in us or ns, which a float would round. Rows are returned in the order of their
+    stamps; of several rows with the same stamp, only the first is kept.
 
     Raises:
         DataError: a row is too short or holds something other than finite numbers.
@@ -202,7 +203,7 @@ def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64],
 def read_converted(
     header: Header, rows: Sequence[Sequence[str]], wanted: Wanted, remedy: str, unit: str = "", what: str = "row"
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Parses the stamps (N,) [us] of rows of words, and the wanted columns (N, len(wanted)), each in the first of its units.
+    """Returns the stamps (N,) [us] and the wanted columns (N, len(wanted)) of rows of words, each in the first of its units.
 
     Args:
         header: the names of the columns.
@@ -226,7 +227,11 @@ def read_converted(
 
 
 def _join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArray[np.int64]:
-    """Makes stamps (N,) [us] of the words (N,) of one column, or of a column of seconds and one of nanoseconds."""
+    """Makes stamps (N,) [us] of the words (N,) of one column, or of a column of seconds and a column of nanoseconds.
+
+    Raises:
+        ValueError: a word is no stamp.
+    """
     if len(words) == 1:
         return parse_stamps(words[0], units[0])
     whole, parts = words
@@ -254,7 +259,7 @@ class SensorTable:
     unread: int = 0
 
     def with_columns(self, *columns: NDArray[np.float64]) -> SensorTable:
-        """Returns a table with the same stamps and other columns, which are put side by side."""
+        """Returns a table with the same stamps and with these columns (N,) or (N, C), put side by side, as its readings."""
         return replace(self, columns=np.column_stack(columns))
 
 
@@ -276,9 +281,9 @@ def read_header(path: Path, remedy: str) -> Header:
 def read_sensor_table(
     header: Header, columns: Sequence[int], unit: str = "", parse: Mapping[int, Parse] | None = None
 ) -> SensorTable:
-    """Reads columns of a table. A cell that is no number becomes NaN; a row without a valid stamp is left out.
+    """Reads columns of a table. A cell that is no number becomes NaN; a row without a valid stamp is left out and counted.
 
-    Stamps are parsed as floats, which resolve stamps since 1970 to a quarter of a microsecond.
+    Stamps are parsed as floats: stamps since 1970 are exact to a quarter of a microsecond.
 
     Args:
         header: the first line of the table.
@@ -310,7 +315,7 @@ def read_sensor_table(
 
 
 def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
-    """Parses the word of a row in a column as a number; returns NaN if it is missing or no number."""
+    """Parses the word in a column of a row as a number; returns NaN if the word is missing or no number."""
     try:
         return parse(words[column])
     except (ValueError, IndexError):
@@ -318,7 +323,7 @@ def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
-    """Reads the stamps and readings of a sensor, whose columns may state units; stamps without a unit are in microseconds.
+    """Reads a sensor's stamps and readings, each in the first of its units; stamps without a unit are in microseconds.
 
     Args:
         header: the first line of the table.

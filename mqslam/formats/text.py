@@ -1,4 +1,4 @@
-"""Reads text files, and converts every failure to read a file into a DataError that names it."""
+"""Reads text files; every failure to read a file becomes a DataError that names the file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from mqslam.errors import DataError, find_near, untrusted
 def open_lines(
     path: Path, remedy: str, encoding: str = "utf-8-sig", errors: str | None = None, missing: str = ""
 ) -> Iterator[TextIO]:
-    """Opens a text file; any failure to read it before the block ends becomes a DataError that names it.
+    """Opens a text file; any failure to read the file before the block ends becomes a DataError that names the file.
 
     Args:
         path: the file.
         remedy: advice for the error if the file is no text: what to give instead.
         encoding: encoding of a file without a byte order mark.
         errors: how bytes that are not in the encoding are decoded; None refuses them.
-        missing: advice for the error if the file does not exist; "" suggests a file with a similar name.
+        missing: advice for the error if the file does not exist; "" suggests a file with a similar name if there is one.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.

@@ -25,14 +25,14 @@ _REMEDY = f"give a TUM trajectory ({WIDTHS})"
 def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Writes `t[s] x y z qx qy qz qw` per line, as evo reads it.
 
-    A file that is read and written again stays the same text: the yaw is rounded, and the quaternion has digits to spare.
+    A file that is read and written again stays the same text: the yaw is rounded to fewer digits than the quaternion has.
     """
     rows = zip(trajectory.stamps_us.tolist(), *trajectory.poses.T.tolist(), strict=True)
     write_text(path, "".join(f"{format_tum(row)}\n" for row in rows))
 
 
 def format_tum(row: tuple[int, float, float, float]) -> str:
-    """Returns the line of a pose: its stamp [us], x, y [m] and yaw [rad]."""
+    """Returns the line of TUM for a row of stamp [us], x, y [m] and yaw [rad], without a line break."""
     stamp, x, y, yaw = row
     half = round_yaw(yaw) / 2
     seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
@@ -43,12 +43,12 @@ def format_tum(row: tuple[int, float, float, float]) -> str:
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
-    A covariance after the pose (36, 21 or 12 more numbers) is skipped: `mqslam.formats.covariances` reads it. Stamps above
-    1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
+    A covariance after the pose (36, 21 or 12 more numbers) is skipped: `mqslam.formats.covariances` reads it. If the largest
+    stamp is above 1e11, all stamps are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
 
     Raises:
-        DataError: the file cannot be read, has a line that is not eight numbers or a quaternion of zeros, or its stamps do
-            not increase.
+        DataError: the file cannot be read, has a line of other than 8, 44, 29 or 20 finite numbers or with a quaternion of
+            zeros, fewer than two poses, or stamps that do not increase.
     """
     times: list[str] = []
     poses: list[tuple[float, float, float]] = []
@@ -76,7 +76,7 @@ def read_tum(path: Path) -> Trajectory:
 
 
 def _parse_stamp(seconds: str) -> int:
-    """Parses decimal seconds, which a float would round, as a stamp [us]."""
+    """Parses decimal seconds as a stamp [us] by their digits, since a float would round them."""
     whole, _, fraction = seconds.partition(".")
     if whole.isdigit() and (fraction.isdigit() or not fraction):
         return int(whole) * 1_000_000 + int((fraction + "000000")[:6])

@@ -1,4 +1,4 @@
-"""Reads gyroscopes and GNSS fixes from mqslam's own CSV and from tables of Boreas, Oxford and MulRan; writes the former.
+"""Reads gyroscopes and GNSS fixes from mqslam's own CSV and from tables of Boreas, Oxford and MulRan; writes its own CSV.
 
 Sources and axes:
 
@@ -9,8 +9,9 @@ Sources and axes:
 - Oxford's INS, a NovAtel SPAN-CPT (robotcar-dataset.robots.ox.ac.uk/documentation): roll, pitch and yaw turn x forward, y
   right, z down into north, east, down [rad]; stamps are in us.
 - MulRan's Xsens (github.com/RPM-Robotics-Lab/file_player_mulran, src/ROSThread.cpp, for the columns): the dataset does not
-  state its axes. Its makers point to the Complex Urban dataset, whose car and sensors are almost the same (issue 27 there):
-  its Vehicle2IMU.txt has the vehicle's own axes, x forward, y left, z up. Tables have no header and stamps in ns.
+  state its axes. Its makers point to the Complex Urban dataset, whose car and sensors are almost the same (issue 27 there).
+  By that dataset's Vehicle2IMU.txt the axes are the vehicle's: x forward, y left, z up. MulRan's tables have no header, and
+  stamps in ns.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ _BOREAS_FIXES = "give a file of a Boreas recording whose header names GPSTime, l
 _OXFORD_INS = "give gps/ins.csv or gps/gps.csv as the Oxford RobotCar dataset has them"
 _STATUS, _GOOD = "ins_status", "SOLUTION_GOOD"
 _LONGEST_STEP_US = 1_000_000  # in a longer time the heading may change by 180 degrees, so its difference is ambiguous
-_MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)  # stamp, rates; stamp, place, variances along east and north
+# numbers of the columns of the stamp and rates, and of the stamp, latitude, longitude and variances along east and north
+_MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)
 _MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope and of the fixes
 
 
@@ -51,7 +53,7 @@ def read_gyroscope_table(path: Path) -> Reading[Gyroscope]:
     """Reads a gyroscope from a CSV: `t,wx,wy,wz`, or a table of Oxford, Boreas or MulRan.
 
     Raises:
-        DataError: the file cannot be read, is none of these, or holds fewer than two sound rows.
+        DataError: the file cannot be read, is none of these, or holds fewer than two rows that can be used.
     """
     header = read_header(path, GYROSCOPE_REMEDY)
     if path.name in DMU_NAMES or "angvel_z" in header.names:
@@ -90,7 +92,7 @@ def read_fixes_table(path: Path, *, made_truth: bool = False) -> Reading[Fixes]:
 
 
 def write_gyroscope_csv(path: Path, gyroscope: Gyroscope) -> None:
-    """Writes a gyroscope as `t,wx,wy,wz` [us, rad/s]."""
+    """Writes a gyroscope as `t,wx,wy,wz` [us, rad/s], about x forward, y left and z up."""
     lines = ["t,wx,wy,wz"]
     for stamp, (x, y, z) in zip(gyroscope.stamps_us.tolist(), gyroscope.rates.tolist(), strict=True):
         lines.append(f"{stamp},{x:.12g},{y:.12g},{z:.12g}")
@@ -108,10 +110,10 @@ def write_fixes_csv(path: Path, fixes: Fixes) -> None:
 
 
 def read_transform(file: Path) -> NDArray[np.float64]:
-    """Reads a calibration of Boreas: a transform (4, 4) of points.
+    """Reads a calibration file of Boreas: a transform (4, 4) of points [m] between the frames in the file's name.
 
     Raises:
-        DataError: the file holds no such transform.
+        DataError: the file cannot be read, or does not hold a rotation and a translation in four rows and columns.
     """
     try:
         with untrusted.open_text(file) as lines:
@@ -147,7 +149,7 @@ def _read_boreas_rates(header: Header) -> Reading[Gyroscope]:
 
 
 def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
-    """Returns the rotation (3, 3) from the DMU41's axes to those of Applanix, with a note on where it comes from."""
+    """Returns the rotation (3, 3) from the DMU41's axes to the Applanix frame, with a note on where it comes from."""
     calibration = file.parent.parent / "calib" / "T_applanix_dmu.txt"
     if calibration.exists():
         return read_transform(calibration)[:3, :3], f"the axes of {file} are rotated by {calibration.name}"
@@ -165,10 +167,10 @@ def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_ins_rates(header: Header) -> Reading[Gyroscope]:
-    """Computes rates from the attitude of Oxford's INS, as difference quotients with stamps halfway between two rows.
+    """Computes rates from the attitude of Oxford's INS: differences between successive rows, with stamps in the middle.
 
-    Both rows must have a good status and follow each other in the file. The rates of roll and pitch are taken as the rates
-    about x and y, which holds as long as both angles are small.
+    Both rows must have a good status and be at most 1 s apart. The rates of roll and pitch are taken as the rates about x
+    and y, which is right as long as both angles are small.
     """
     table, notes = _read_good_rows(header, ("roll", "pitch", "yaw"))
     steps_us = np.diff(table.stamps_us)
@@ -198,7 +200,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads the status (1 in a good row, else NaN) and the named columns, with a note on the rows that are not good."""
+    """Reads the status (1 in a good row, else NaN) and the named columns; also returns a list of notes on other rows."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}
@@ -209,7 +211,7 @@ def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, 
 
 
 def _read_mulran_table(header: Header, columns: Sequence[int], count: int, remedy: str) -> SensorTable:
-    """Reads columns of a table without a header; raises a DataError if it has fewer than `count` columns."""
+    """Reads numbered columns of a table without a header; raises a DataError if the table has fewer than `count` columns."""
     if len(header.names) < count:
         remedy = f"{remedy}; or one of {count} columns without a header, as MulRan's later versions have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)

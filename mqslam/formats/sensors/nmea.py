@@ -24,8 +24,8 @@ from mqslam.formats.tables import SensorTable
 from mqslam.formats.text import open_lines
 
 _DAY_US = 86_400_000_000
-_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a measured fix; other GGA state none, or one that is not measured
-_FIRST_YEAR = 1980  # GPS time begins here: a year of two digits lies in the hundred years from then on
+_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a measured fix; others mean no fix, or an estimated one
+_FIRST_YEAR = 1980  # GPS time begins here: a year of two digits lies in the hundred years from 1980
 _LONGEST_SENTENCE = 1000  # characters; the standard allows 82, and no receiver writes many more
 _REMEDY = "give the log as a receiver with fixes writes it: GGA with checksums"
 _UNCHECKED, _UNFIXED = "with a wrong or missing checksum", "in which the receiver states no fix"
@@ -33,7 +33,7 @@ _DAMAGE = (ValueError, IndexError, OverflowError)
 
 
 def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
-    """Reads the fixes of an NMEA log, whose clock is UTC.
+    """Reads the fixes of an NMEA log, with stamps in UTC.
 
     A GGA sentence states only the time of day. The day comes from the RMC or ZDA sentence before it or, if there is none,
     from the first such sentence after it. In a log without RMC and ZDA, the first fix is taken to lie as near to the
@@ -91,7 +91,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
     Args:
         positions: number of GGA sentences in the log.
-        useless: number of GGA sentences by the reason why they give no fix.
+        useless: by reason why a GGA sentence gives no fix, the number of such sentences.
     """
     if not positions:
         return "holds no GGA sentence"
@@ -102,7 +102,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
 
 def _list_sentences(path: Path) -> Iterator[tuple[str, list[str], bool]]:
-    """Yields the three letters of each sentence of a log, the fields after them, and whether its checksum is right."""
+    """Yields for each sentence of a log its kind, such as GGA, its fields, and whether its checksum is right."""
     with open_lines(path, _REMEDY, "ascii", "replace") as lines:
         for line in lines:
             _, dollar, sentence = line.partition("$")
@@ -124,7 +124,7 @@ def _find_first_date(path: Path) -> int | None:
 
 
 def _read_date(kind: str, fields: Sequence[str]) -> int | None:
-    """Returns the stamp [us] of a sentence that states time and date, else None: receivers may at first leave both empty.
+    """Returns the stamp [us] of an RMC or ZDA sentence; None if its time or date is empty, and for other sentences.
 
     Raises:
         ValueError: the sentence states a date that does not exist.
@@ -149,7 +149,7 @@ def _read_clock(text: str) -> int:
 
 
 def _read_angle(text: str, side: str, sides: str) -> float:
-    """Reads an angle `dddmm.mmmm` as degrees, positive if its side is the first of `sides`, or raises ValueError."""
+    """Reads an angle `dddmm.mmmm` as degrees, positive on the first of two `sides`, such as NS, or raises ValueError."""
     if side not in tuple(sides):
         raise ValueError(side)
     degrees, minutes = divmod(float(text), 100.0)

@@ -19,8 +19,8 @@ from mqslam.formats.poses import mark_places
 from mqslam.formats.stamps import mark_increasing
 from mqslam.formats.tables import SensorTable
 
-_FASTEST_TURN = np.pi  # no vehicle rotates faster [rad/s], half a rotation per second: such readings are in another unit
-_SPIKES = 1e-3  # share of readings that may be faster all the same, because the gyroscope was knocked
+_FASTEST_TURN = np.pi  # no vehicle turns faster than half a rotation per second [rad/s]: faster rates are in another unit
+_SPIKES = 1e-3  # share of readings that may be faster even in the right unit, because something hit the gyroscope
 _Sensor = TypeVar("_Sensor", covariant=True)
 _Some = TypeVar("_Some", bound=Recording)
 _Read = TypeVar("_Read")
@@ -28,12 +28,12 @@ _Read = TypeVar("_Read")
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[_Sensor]):
-    """The readings of a sensor, or of all sensors that a run uses, with notes and faults for the user.
+    """The readings of a sensor, or of all sensors that a run uses, with sentences for the user.
 
     Args:
         sensor: the readings; None where a run uses no sensor.
-        notes: how the readings were understood.
-        faults: which rows were left out or why the sensor is not used.
+        notes: sentences on how the readings were understood.
+        faults: sentences on rows that were left out, or on why the sensor is not used.
     """
 
     sensor: _Sensor
@@ -69,8 +69,8 @@ def add_beside(
     """Adds to a recording its other sensors and its trajectories; any that cannot be used is left out, with a fault.
 
     Args:
-        recording: the recording, whose notes come first; it keeps its trajectories where the functions below read none.
-        gyroscope: reads the gyroscope; returns None if the recording has none, and raises a DataError if it cannot be used.
+        recording: the recording; its notes come first, and its own trajectories stay where `truth` or `odometry` reads none.
+        gyroscope: reads the gyroscope, returns None if there is no gyroscope, or raises a DataError if it cannot be used.
         fixes: reads the GNSS fixes in the same way.
         mount: reads the radar's mount in the same way.
         truth: reads the ground truth in the same way.
@@ -102,7 +102,7 @@ def make_gyroscope(
 
     Args:
         path: the file, for errors.
-        table: stamps, and rates about x forward, y left and z up [rad/s].
+        table: stamps, and rates (N, 3) about x forward, y left and z up [rad/s].
         notes: how the file was understood.
         source: where the rows come from, for messages, if not from the whole file.
         own_clock: whether the gyroscope is known to have a clock of its own.
@@ -127,7 +127,7 @@ def make_fixes(
 
     Args:
         path: the file, for errors.
-        table: stamps, latitudes, longitudes [degrees] and, if the receiver states them, standard deviations [m], which are
+        table: stamps, and (N, 2) latitudes, longitudes [degrees], or (N, 3) with standard deviations [m] as well, which are
             used where they are finite and positive.
         notes: how the file was understood.
         source: where the rows come from, for messages, if not from the whole file.
@@ -157,13 +157,13 @@ def make_fixes(
 
 
 def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
-    """Describes how many rows a file holds and how few of them can be used.
+    """Returns the problem for an error: how many rows a file holds, and how many of them can be used.
 
     Args:
         table: the rows.
         kept: number of rows that can be used.
         noun: what a row is, in the singular, such as `reading of a gyroscope`.
-        has: what a row must have besides a stamp.
+        has: what a row must have besides a stamp to be usable.
     """
     rows = table.unread + len(table.stamps_us)
     what, _, whose = noun.partition(" ")
@@ -178,13 +178,13 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Marks the rows (N,) of a table that are sound and whose stamps increase, and returns faults for all other rows.
+    """Marks the rows (N,) of a table that are sound and whose stamps increase; also returns faults about all other rows.
 
     Args:
         source: where the rows come from, for the faults.
         table: the rows.
-        sound: (N,) whether each row is sound.
-        unsound: what rows hold that are not sound, for the faults.
+        sound: (N,) whether the numbers of each row can be used.
+        unsound: what all other rows hold, for the faults.
     """
     faults = []
     rows = table.unread + len(sound)
@@ -199,7 +199,7 @@ def _choose_rows(
 
 
 def _note_unit(gyroscope: Gyroscope) -> list[str]:
-    """Notes rates that no vehicle reaches, which are probably stated in degrees per second; they stay as they are."""
+    """Returns a list with a note if the yaw rates are too fast for a vehicle, probably in deg/s; else an empty list."""
     usual = float(np.quantile(np.abs(gyroscope.rates[:, 2]), 1.0 - _SPIKES))
     if usual <= _FASTEST_TURN:
         return []

@@ -1,6 +1,6 @@
 """Reads and writes sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and mounts on /tf_static or /tf.
 
-If the name of a topic of fixes says that it is ground truth, the recording's ground truth counts as made from these fixes.
+If a topic of fixes is named like ground truth (`bags.is_truth`), the recording's ground truth counts as made from the fixes.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
 _IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places these frames, so readers do not rotate the rates
-_NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
+_NOT_GIVEN = -1.0  # first number of the covariance of a quantity that an Imu message does not state
 _NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set the status leave it unknown
 
 
 @dataclass(slots=True)
 class _Rows:
-    """The messages on a topic: their stamps [us], three numbers of each, and the number of damaged messages."""
+    """The messages on a topic: a stamp [us] and three numbers of each, and the number of damaged messages."""
 
     stamps: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -50,7 +50,7 @@ class _Rows:
         self.stamps.append(stamp_us)
 
     def to_table(self) -> SensorTable:
-        """Returns the rows as a table with three columns."""
+        """Returns the stamps and numbers as a table with three columns."""
         columns = np.array(self.numbers, dtype=np.float64).reshape(-1, 3)
         return SensorTable(np.array(self.stamps, dtype=np.int64), columns, self.unread)
 
@@ -62,12 +62,12 @@ class RosSensors:
     Args:
         imu_topic: topic of the gyroscope, or None.
         fix_topic: topic of the GNSS receiver, or None.
-        others: topics of the same types that are not read.
+        others: further topics of gyroscopes and GNSS receivers, which are not read.
         transform_topics: topics of transforms; only transforms that never change are used.
-        rows: turn rates [rad/s], or latitude, longitude [degrees] and standard deviation [m], by topic.
-        imu_frame: frame of the gyroscope.
-        unfixed: number of messages without a fix.
-        unstated: number of messages that do not state whether they have a fix.
+        rows: by topic, turn rates about x, y, z [rad/s], or latitude, longitude [degrees] and standard deviation [m].
+        imu_frame: name of the gyroscope's frame; "" until a message names the frame.
+        unfixed: number of GNSS messages without a fix.
+        unstated: number of GNSS messages that do not state whether they have a fix.
         mounts: the transforms that never change.
         clock: reads the stamps of messages.
     """
@@ -92,11 +92,11 @@ class RosSensors:
         return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]), transforms)
 
     def reads(self, topic: str) -> bool:
-        """Returns whether the messages of a topic are to be added."""
+        """Returns whether `add` takes the messages of a topic."""
         return topic in (self.imu_topic, self.fix_topic, *self.transform_topics)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Adds a message of one of the topics; a damaged message is only counted."""
+        """Adds a message, recorded at a time [ns], of a topic that `reads` accepts; a damaged message is only counted."""
         try:
             topic, message = connection.topic, bags.deserialise(reader, connection, raw)
             if topic in self.transform_topics:
@@ -167,7 +167,7 @@ class RosSensors:
         return notes + self.clock.notes
 
     def _add_rates(self, topic: str, message: Any, stamp_us: int) -> None:
-        """Adds the turn rates of an Imu message; raises ValueError if it states none."""
+        """Adds the turn rates of an Imu message; raises ValueError if the message states no rates."""
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:
             raise ValueError("states no rates")
         rate = message.angular_velocity
@@ -175,7 +175,7 @@ class RosSensors:
         self.imu_frame = message.header.frame_id
 
     def _add_place(self, topic: str, message: Any, stamp_us: int) -> None:
-        """Adds the position of a NavSatFix message and its standard deviation, or counts the message if it has no fix."""
+        """Adds the position in a NavSatFix message with its standard deviation, or counts the message if it has no fix."""
         is_unknown = message.status.status == _UNKNOWN
         self.unstated += is_unknown
         if message.status.status <= _NO_FIX and not (is_unknown and _is_place(message.latitude, message.longitude)):
@@ -188,19 +188,19 @@ class RosSensors:
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    """Returns whether a latitude and a longitude [degrees] are a position, and not what a receiver writes without a fix."""
+    """Returns whether a latitude and a longitude [degrees] are a position, and not the zeros or NaN of a missing fix."""
     return bool(np.isfinite([latitude, longitude]).all()) and (latitude, longitude) != (0.0, 0.0)
 
 
 def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
-    """Lists the topics of a type of message: those with most messages first, and ground truth last."""
+    """Lists the topics of a type of message by falling number of messages; topics of ground truth come last."""
     filled = [c for c in reader.connections if c.msgtype == kind and c.msgcount]
     filled.sort(key=lambda c: (bags.is_truth(c.topic), -c.msgcount, c.topic))
     return list(dict.fromkeys(c.topic for c in filled))
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
-    """Returns one iterator per sensor of a recording; it yields the sensor's messages in the order of their stamps."""
+    """Returns an iterator per sensor of a recording: over stamp [us], connection and message, in the order of the stamps."""
     lists = []
     if recording.mount is not None:
         lists.append(_list_mount(bag, recording.mount, recording.start_us))
@@ -212,7 +212,7 @@ def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[
 
 
 def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields a single message: the transform from the vehicle to the radar, at a given stamp [us]."""
+    """Yields a single message with a stamp [us]: the transform that states the radar's pose in the vehicle's frame."""
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
     yield stamp_us, connection, bag.transform(stamp_us, (VEHICLE_FRAME, RADAR_FRAME), mount.pose)
 
