@@ -44,7 +44,7 @@ _NUMBERS = 12  # numbers in the upper three rows of a 4x4 matrix
 _YAWS = ("yaw", "theta", "heading")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
-_LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
+_LEAST_SLIDE = 1e-9  # smaller sideways speeds [m/s] are rounding errors
 _KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
 _CFEAR_STAMPS = "tum_"
 _POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
@@ -52,28 +52,30 @@ _AT_ONCE_US = 10_000  # messages recorded within so short a time were written af
 
 
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
-    """Reads a trajectory. Its format is recognised by its content, the unit of its stamps by their name or size.
+    """Reads a trajectory. The file's content shows its format; the name or the size of the stamps shows their unit.
 
     - TUM: `t[s] x y z qx qy qz qw` per line; the covariance of the pose may follow.
     - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. If y varies less than z and the motion runs
-      along the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. All
-      other poses lie in the x-y plane.
+      along the poses' own z, the poses are those of a camera (x right, y down, z forward): the camera's z and -x become x
+      and y. All other poses lie in the x-y plane.
     - KITTI with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
       [rad], counter-clockwise from x, or qx, qy, qz, qw.
-    - A ROS bag: the only topic of odometry, poses or paths, or the named one; of paths the last message is read. If there
-      is no such topic, or a topic of transforms or a frame is named: the pose of a frame in the root of the transforms.
+    - A ROS bag: the only topic of odometry, poses or paths, or the named topic; of a topic of paths only the last message
+      is read. If there is no such topic, or a topic of transforms or a frame is named, the transforms give the poses of a
+      frame in the topmost frame above it.
     - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps in the folder.
 
     Args:
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
-        topic: a topic, for bags only.
-        frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only frame that moves.
+        topic: a topic of a bag; None takes the only topic of poses or, if there is none, the transforms.
+        frame: a frame whose poses the transforms of a bag give; None takes base_link, or the only frame that moves.
 
     Raises:
-        DataError: the file has none of these formats, holds a value that is not a number, or its stamps do not increase.
+        DataError: the file has none of these formats, holds a value that is not a number, has stamps that do not increase,
+            or has several topics or frames to choose from.
     """
     return read_with_notes(path, times, topic, frame)[0]
 
@@ -95,8 +97,8 @@ def read_with_notes(
 def read_odometry(path: Path) -> Trajectory:
     """Reads an odometry file: TUM, CSV with the header `t,v,omega` and optionally `vy`, or a CSV of poses.
 
-    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
-    stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
+    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103), unless the header states other units. The twist of a
+    row holds until the next row's stamp, so the poses lie on constant-twist arcs; the first pose is the origin.
 
     Raises:
         DataError: the file cannot be read, is in none of these layouts, holds a value that is not a number, or its stamps
@@ -117,14 +119,14 @@ def read_odometry(path: Path) -> Trajectory:
 
 
 def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
-    """Writes odometry as `t,v,omega` [us, m/s, rad/s]; a row's twist holds until the next row.
+    """Writes odometry as `t,v,omega` [us, m/s, rad/s]; the twist of a row holds until the next row's stamp.
 
     A column `vy` [m/s] follows if the body moves sideways.
 
     Args:
         path: the file.
-        stamps_us: (N,) [us].
-        twists: (N, 3) [m/s, m/s, rad/s], of the body.
+        stamps_us: N stamps [us].
+        twists: (N, 3) speeds forward and to the left [m/s] and yaw rate [rad/s] of the body.
     """
     sliding = bool(np.any(np.abs(twists[:, 1]) > _LEAST_SLIDE))
     lines = ["t,v,omega,vy" if sliding else "t,v,omega"]
@@ -134,7 +136,7 @@ def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> Non
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
-    """Writes KITTI poses as evo reads them: per line the upper three rows of a 4x4 matrix, in the x-y plane, no stamps."""
+    """Writes KITTI poses as evo reads them: per line the upper three rows of a 4x4 matrix; z is 0, stamps are left out."""
     lines = []
     for x, y, yaw in trajectory.poses.tolist():
         c, s = np.cos(round_yaw(yaw)), np.sin(round_yaw(yaw))
@@ -143,13 +145,14 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
 
 
 def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray[np.int64]) -> None:
-    """Writes odometry for the Boreas leaderboard: per line an image's stamp and the pose of the world in the radar's frame.
+    """Writes odometry for the Boreas leaderboard: per line an image's stamp [us] and a matrix of 12 numbers.
 
-    The radar's frame is x forward, y right, z down. Source: github.com/utiasASRL/pyboreas, `pyboreas/utils/odometry.py`.
+    The matrix is the upper three rows of the pose of the world in the radar's frame (x forward, y right, z down).
+    Source: github.com/utiasASRL/pyboreas, `pyboreas/utils/odometry.py`.
 
     Args:
         path: the file, which the leaderboard expects to be named after the sequence.
-        trajectory: the radar's trajectory.
+        trajectory: the radar's poses in the world frame (x forward, y left, z up).
         stamps_us: (N,) stamps of the sequence's images [us], each halfway through a turn of the radar.
 
     Raises:
@@ -165,7 +168,7 @@ def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray
 
 
 def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:
-    """Reads the trajectory in a bag, with notes for the user on how it was understood.
+    """Reads the trajectory in a bag; also returns notes for the user on how the bag was understood.
 
     Args:
         path: the bag.
@@ -195,7 +198,7 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
 
 
 def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
-    """Reads the poses on a topic, with notes on poses without stamps and on poses that are left out."""
+    """Reads the poses on a topic; also returns notes on poses without stamps and on poses that are left out."""
     log = bags.PoseLog()
     for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         log.add(reader, connection, logged, raw)
@@ -213,7 +216,7 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, 
 def _read_transforms(
     path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads the poses of a frame from the transforms on some topics, with notes on the transforms that are left out."""
+    """Reads the poses of a frame from the transforms on some topics; also returns notes on transforms that are left out."""
     transforms = Transforms()
     for connection, logged, raw in reader.messages(connections):
         transforms.add(reader.deserialize(raw, connection.msgtype), connection.topic, logged)
@@ -224,7 +227,7 @@ def _read_transforms(
 
 
 def _read_file(path: Path, times: Path | None) -> Trajectory:
-    """Reads a trajectory from a file or a result folder that is no bag."""
+    """Reads a trajectory from a result folder or from a file that is no bag."""
     if path.is_dir():
         path, times = _find_result(path, times)
     if path.suffix == ".npy":
@@ -252,13 +255,13 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
 
 
 def _refuse_times(path: Path, times: Path | None) -> None:
-    """Raises a DataError if a file of times is given for a trajectory that has stamps itself."""
+    """Raises a DataError if a file of times is given for a trajectory whose own file holds stamps."""
     if times is not None:
         raise DataError(times, f"is not needed: {path.name} is no KITTI file and carries its own stamps", "leave it out")
 
 
 def _read_table(path: Path, rows: list[str]) -> Trajectory:
-    """Reads the poses of a CSV, whose header may be a comment, from its non-blank lines."""
+    """Reads the poses of a CSV from its lines that are not blank; the header may be a comment."""
     at = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     header = Header(path, split_header(rows[at]))
     yaw = next((name for name in _YAWS if header.find_unit(name, RADIANS) is not None), None)
@@ -270,7 +273,7 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
 
 
 def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
-    """Reads pose matrices that are each followed by a stamp, as TBV SLAM writes the nodes of its graph."""
+    """Reads lines of a pose matrix (12 numbers) and a stamp, as TBV SLAM writes the nodes of its graph."""
     words = _split(path, lines, _NUMBERS + 1)
     table = parse_numbers(path, words, range(_NUMBERS + 1), "pose")
     if np.all(table[:, 0] > table[:, -1]):
@@ -295,7 +298,7 @@ def _read_array(path: Path, times: Path | None) -> Trajectory:
 
 
 def _split(path: Path, lines: list[str], count: int) -> list[list[str]]:
-    """Splits lines into words; each line must have `count` words."""
+    """Splits lines into words; raises a DataError if a line does not have `count` words."""
     words = [line.split() for line in lines]
     if wrong := next((number for number, row in enumerate(words, 1) if len(row) != count), 0):
         raise DataError(path, f"pose {wrong} is not {count} numbers", "repair or remove its line")
@@ -303,7 +306,7 @@ def _split(path: Path, lines: list[str], count: int) -> list[list[str]]:
 
 
 def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]:
-    """Reads the stamps [us] of the `count` poses of a file from the separate file of their times."""
+    """Reads the stamps (count,) [us] of the poses of a file from the separate file of their times."""
     if times is None:
         what = "an array of poses" if path.suffix == ".npy" else "a KITTI trajectory"
         raise DataError(path, f"is {what}, which holds no stamps", "give the file of its times, one per line")
@@ -314,12 +317,12 @@ def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]
 
 
 def _read_first_words(times: Path) -> NDArray[np.int64]:
-    """Reads the first words of the lines of a file as stamps (N,) [us]."""
+    """Reads the first word of each line of a file as a stamp: (N,) [us]."""
     return parse_times(times, [row.split()[0] for row in read_lines(times, _KNOWN) if row and not row.startswith("#")])
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
-    """Makes a planar trajectory of stamps (N,) [us] and pose matrices (N, 12), of a camera or of a body in the x-y plane."""
+    """Makes a planar trajectory of stamps (N,) [us] and the upper three rows (N, 12) of pose matrices, camera or not."""
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():
         row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
@@ -333,11 +336,11 @@ def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]
 
 
 def _is_camera(turns: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
-    """Returns whether poses are a camera's: y, its height, varies less than z, and it moves along its own z axis.
+    """Returns whether poses are a camera's: y (down) varies less than z, and the motion runs along the poses' own z axis.
 
     Args:
         turns: (N, 3, 3) rotations of the poses.
-        places: (N, 3) positions of the poses.
+        places: (N, 3) positions of the poses [m].
     """
     if not len(places):
         return False
@@ -356,7 +359,7 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
     - A run of mqslam writes `trajectory.tum`.
 
     Returns:
-        the file of the poses, and the separate file of their stamps (`times` if it is given), or None.
+        The file of the poses, and the separate file of their stamps: `times` if given, None if there is no such file.
     """
     for place in (folder, folder / "latest", folder / "est"):
         results = _list_results(place)
@@ -373,7 +376,7 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
 
 
 def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
-    """Lists the files of poses in a folder, each with the separate file of its stamps, or None if there is none."""
+    """Lists the files of poses in a folder, each with the separate file of its stamps or, if there is no such file, None."""
     for whole in ("trajectory.tum", "graph.txt"):
         if (place / whole).is_file():
             return [(place / whole, None)]
@@ -388,7 +391,7 @@ def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
 
 
 def _refuse_counts(stamps: Path) -> None:
-    """Raises a DataError if stamps only count scans from 0, as KISS-ICP writes them when it reads scans without times."""
+    """Raises a DataError if the stamps in a file only count scans from 0, as KISS-ICP numbers scans without times."""
     times_us = _read_first_words(stamps)
     if np.array_equal(times_us, 1_000_000 * np.arange(len(times_us))):
         problem = "numbers its poses 0, 1, 2... instead of stamping them, because the SLAM system had no times"

@@ -21,7 +21,7 @@ _BODIES = ("base_link", "base_footprint")
 _TYPES = (TF_TYPE, "tf/msg/tfMessage")
 _STATIC, _MOVING = "tf_static", "tf"
 _LISTED = 12
-_SAME = 1e-6  # [m, or components of a quaternion] transforms that differ by less, as by rounding, count as the same
+_SAME = 1e-6  # transforms whose numbers (m, or components of a quaternion) differ by less count as the same
 _Numbers = tuple[float, ...]  # x, y, z [m] and the quaternion x, y, z, w
 
 
@@ -31,12 +31,12 @@ def holds_transforms(connection: Connection) -> bool:
 
 
 def is_static(topic: str) -> bool:
-    """Returns whether a topic, in any namespace, holds the transforms that never change: /tf_static."""
+    """Returns whether a topic is /tf_static, in any namespace, whose transforms never change."""
     return topic.rsplit("/", 1)[-1] == _STATIC
 
 
 def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
-    """Yields, for each transform in a `tf2_msgs/TFMessage`: its stamped message, frame, parent frame and numbers."""
+    """Yields each transform of a `tf2_msgs/TFMessage`: the TransformStamped, the names of frame and parent, the numbers."""
     for stamped in message.transforms:
         move, turn = stamped.transform.translation, stamped.transform.rotation
         numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
@@ -50,12 +50,12 @@ def _is_motion(numbers: _Numbers) -> bool:
 
 @dataclass(slots=True)
 class Mounts:
-    """The transforms (4, 4) of a recording that never change, each from a frame to its parent.
+    """The transforms (4, 4) of a recording that never change; each converts points [m] from a frame to its parent.
 
     Args:
-        parents: the parent of each frame, with the transform.
-        topics: the topic that states the transform of each frame.
-        stated: the parent and the numbers of each frame as /tf first stated them.
+        parents: by frame, the name of its parent and the transform.
+        topics: by frame, the topic that states the transform.
+        stated: by frame, the parent and the numbers of the transform that /tf stated first.
         moving: the frames whose transforms on /tf change.
     """
 
@@ -66,11 +66,11 @@ class Mounts:
 
     @staticmethod
     def reads(connection: Connection) -> bool:
-        """Returns whether the messages of a topic are to be added: transforms on /tf_static or /tf, in any namespace."""
+        """Returns whether `add` takes the messages of a topic: transforms on /tf_static or /tf, in any namespace."""
         return holds_transforms(connection) and connection.topic.rsplit("/", 1)[-1] in (_STATIC, _MOVING)
 
     def add(self, message: Any, topic: str = "/tf_static") -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; a transform on /tf is kept as long as it never changes.
+        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; a transform on /tf stays only until it first changes.
 
         Raises:
             ValueError: a quaternion on /tf_static is zero.
@@ -88,7 +88,7 @@ class Mounts:
             self.parents[frame], self.topics[frame] = (parent, matrix), topic
 
     def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
-        """Returns whether a transform on /tf equals the first one of its frame; a frame that moves is removed."""
+        """Returns whether a transform on /tf is valid and equals the first one of the frame; a frame that moves is removed."""
         if not _is_motion(numbers):
             return False
         before = self.stated.setdefault(frame, (parent, numbers))
@@ -101,7 +101,7 @@ class Mounts:
         return False
 
     def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
-        """Finds the transform (4, 4) of points from a sensor's frame to a body's frame.
+        """Finds the transform (4, 4) of points [m] from a sensor's frame to a body's frame.
 
         Args:
             sensor: frame of the sensor.
@@ -115,18 +115,18 @@ class Mounts:
         return matrix if frame in bodies else None
 
     def find(self, sensor: str, body: str = "") -> se2.Array | None:
-        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor on a body, with arguments and None as in `place`."""
+        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor in a body's frame; arguments and None are as in `place`."""
         matrix = self.place(sensor, body)
         if matrix is None:
             return None
         return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
-        """Returns whether a sensor's z axis points down in the body's frame, or in the topmost frame if no body is found."""
+        """Returns whether a sensor's z axis points down in the body's frame or, without a body, in the topmost frame."""
         return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
-        """Returns the first of the bodies above a sensor, or else its topmost frame, and the transform (4, 4) into it."""
+        """Returns the nearest of the bodies above a sensor, or else the topmost frame, with the transform (4, 4) to it."""
         frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
         while frame not in bodies and frame in self.parents and frame not in passed:
             passed.add(frame)
@@ -138,11 +138,11 @@ class Mounts:
 
 @dataclass(slots=True)
 class _Link:
-    """The transforms of a frame.
+    """The transforms of a frame over time.
 
     Args:
         parents: the parents that messages name; a second parent is a contradiction.
-        rows: numbers of the transform by stamp [us].
+        rows: by stamp [us], the numbers of the transform to the parent.
     """
 
     parents: list[str]
@@ -160,7 +160,7 @@ class Transforms:
 
     Args:
         links: by child frame, its transforms.
-        left_out: number of transforms left out, with a quaternion of zeros or a number that is not finite.
+        left_out: number of transforms that were left out, for a quaternion of zeros or a number that is not finite.
         clock: reads the stamps of the transforms.
     """
 
@@ -196,10 +196,11 @@ class Transforms:
         """Chooses the frame whose trajectory is read.
 
         Args:
-            frame: its name; None takes a vehicle's usual frame, or the only moving frame that carries no other moving frame.
+            frame: name of a frame; None takes base_link or base_footprint, or the only moving frame above no other moving
+                frame.
 
         Raises:
-            ValueError: no such frame moves, or several do.
+            ValueError: no such frame moves, or several such frames move.
         """
         own = {name for name, link in self.links.items() if link.moves}
         moving = sorted(name for name in self.links if not own.isdisjoint(self._climb(name)))
@@ -218,13 +219,13 @@ class Transforms:
         return bodies[0]
 
     def trace(self, frame: str) -> Trajectory:
-        """Returns the poses of a frame in the root of its tree.
+        """Returns the poses of a frame in the root, the topmost frame above it.
 
         The poses have the stamps of the most frequent transform between the frame and the root. The other transforms are
         interpolated at these stamps, as tf2 does. There are poses only at stamps within the time span of each transform.
 
         Raises:
-            ValueError: a frame between them has two parents, the frames form a ring, or fewer than two poses result.
+            ValueError: the frame or one above it has two parents, the frames form a ring, or fewer than two poses result.
         """
         from scipy.spatial.transform import Rotation
 
@@ -255,7 +256,10 @@ class Transforms:
         return chain
 
     def _interpolate(self, frame: str, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any]:
-        """Interpolates a frame's translations (N, 3) [m] and N rotations at stamps (N,) [us] within its time span."""
+        """Interpolates the translations [m] and N rotations of a frame at stamps (N,) [us] within its time span.
+
+        The translations are (N, 3), or a single translation (3,) if the frame never moves.
+        """
         from scipy.spatial.transform import Rotation, Slerp
 
         link = self.links[frame]
