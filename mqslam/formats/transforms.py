@@ -88,7 +88,7 @@ class Mounts:
             self.parents[frame], self.topics[frame] = (parent, matrix), topic
 
     def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
-        """Returns whether a transform on /tf is valid and equals the first one of the frame; a frame that moves is removed."""
+        """Returns whether a transform on /tf is valid and equals the frame's first one; a frame that moves is removed."""
         if not _is_motion(numbers):
             return False
         before = self.stated.setdefault(frame, (parent, numbers))
