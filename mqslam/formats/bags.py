@@ -56,7 +56,7 @@ _OTHER_SCHEMAS = {
     "jsonschema": "in JSON",
     "flatbuffer": "in FlatBuffers",
 }
-_GIVE_ROS = "give the .bag that it was made from, or convert that with rosbags-convert"
+_GIVE_ROS = "give the .bag that it was made from, or convert that .bag with rosbags-convert"
 _UNPACK = {
     "zstd": "zstd -d FILE",
     "zst": "zstd -d FILE",
@@ -318,7 +318,9 @@ class Bag:
             OutputError: the stamp lies before 1970 or after 2038, which ROS cannot hold.
         """
         if not 0 <= stamp_us < _LATEST_US:
-            raise OutputError(f"{self.writer.path}: stamp {stamp_us} us is outside ROS's clock; write .npz or a folder")
+            raise OutputError(
+                f"{self.writer.path}: stamp {stamp_us} us is outside ROS's clock (1970 to 2038); write .npz or a folder"
+            )
         stamp = self.make("builtin_interfaces/msg/Time", stamp_us // 1_000_000, stamp_us % 1_000_000 * 1000)
         return self.make("std_msgs/msg/Header", *((0, stamp, frame) if self.is_ros1 else (stamp, frame)))
 

@@ -67,7 +67,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     if clock is None:
         return cloud
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
-        raise DataError(path, "states that its times count from a stamp beyond any clock", "write the file again")
+        raise DataError(path, f"counts its times from {clock.start_us} us, a stamp beyond any clock", "write the file again")
     notes = [f"times are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
     return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
 
@@ -88,7 +88,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         name, unit = f"{name} and {stamps_at[1][0]}", "ns"
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
-        raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write the file again")
+        raise DataError(path, f"has {len(x)} values of x, {len(y)} of y and {len(times)} times", "write the file again")
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
     with np.errstate(invalid="ignore"):  # damaged numbers may be NaNs of a kind that NumPy warns about
         whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
@@ -108,7 +108,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         raise DataError(path, f"{name} spans {(end - begin) / _YEAR_US:.0f} years, too many", "write the file again")
     order = np.argsort(stamps, kind="stable")
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
-    notes.append(f"times are {name} in {unit}")
+    notes.append(f"times are read from {name}, in {unit}")
     return TimedCloud(path, points[order], stamps[order], tuple(note for note in notes if note))
 
 
@@ -140,8 +140,8 @@ def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
     """
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
-        problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
-        raise DataError(path, problem, "write it as double, or count it from the recording's start")
+        problem = f"{name} is single-precision, in which different times are at least {step:.3g} s apart"
+        raise DataError(path, problem, "write it in double precision, or count its times from the recording's start")
     return f"{name} is single-precision: times come in steps of {step:.2g} s" if step > _NOTED_S else ""
 
 

@@ -125,7 +125,7 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         if sensor is not None and not target.sensors:
             notes.append(f"{name} {_LEFT}")
     if unmarked:
-        notes.append(f"{count_of(unmarked, 'azimuth')} marked as not measured: the layout cannot hold this mark")
+        notes.append(f"the layout cannot mark {count_of(unmarked, 'azimuth')} as not measured, so this mark is lost")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
         remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"

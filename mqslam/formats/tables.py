@@ -103,7 +103,7 @@ class Header:
             if unit in units and (bracketed or rest[0] in " _"):
                 return column, units[unit]
             if bracketed:
-                problem = f"column {full} states a unit that {name} cannot be converted from"
+                problem = f"column {full} states a unit in which {name} is not understood"
                 raise DataError(self.path, problem, f"give it in {next(iter(units))}, or one of {', '.join(units)}")
             if rest[0] == " ":  # more words follow, but no unit
                 return column, 1.0

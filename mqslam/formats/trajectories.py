@@ -277,7 +277,7 @@ def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
     words = _split(path, lines, _NUMBERS + 1)
     table = parse_numbers(path, words, range(_NUMBERS + 1), "pose")
     if np.all(table[:, 0] > table[:, -1]):
-        problem = "begins its lines with a stamp, as the odometry of Boreas does, whose poses are inverse"
+        problem = "begins its lines with a stamp, as the odometry of Boreas does, which states inverse poses"
         raise DataError(path, problem, "give the trajectory as TUM, or as KITTI with the file of its times")
     return _project(path, parse_times(path, [row[-1] for row in words]), table[:, :_NUMBERS])
 

@@ -232,7 +232,7 @@ class Transforms:
         chain = self._climb(frame)
         for name in chain:
             if len(self.links[name].parents) > 1:
-                raise ValueError(f"places the frame {name} in several others ({', '.join(self.links[name].parents)})")
+                raise ValueError(f"states several parents of the frame {name} ({', '.join(self.links[name].parents)})")
         if self.links[chain[-1]].parents[0] in chain:
             raise ValueError(f"places the frames {', '.join(chain)} in a ring")
         moving = [sorted(self.links[name].rows) for name in chain if self.links[name].moves]

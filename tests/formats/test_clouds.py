@@ -73,7 +73,7 @@ def test_ply_clouds_come_in_the_order_of_their_times(tmp_path: Path, body: str, 
     np.testing.assert_array_equal(cloud.points, np.column_stack([X, Y])[ORDER])
     np.testing.assert_array_equal(cloud.stamps_us, np.round(values[ORDER] * 1e6))
     assert cloud.points.dtype == np.float64 and cloud.stamps_us.dtype == np.int64
-    assert "times are time in s" in cloud.notes
+    assert "times are read from time, in s" in cloud.notes
 
 
 def test_the_map_of_a_run_is_read_as_open3d_reads_it(tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_pcd_clouds_with_padding_keep_stamps_to_the_microsecond(
     start = 0 if unit == "s" else START_US
     np.testing.assert_array_equal(cloud.points, np.column_stack([X, Y])[ORDER])
     np.testing.assert_array_equal(cloud.stamps_us, start + np.round(T[ORDER] * 1e6).astype(np.int64))
-    assert f"times are t in {unit}" in cloud.notes
+    assert f"times are read from t, in {unit}" in cloud.notes
 
 
 @pytest.mark.parametrize("compressed", [True, False])
@@ -279,7 +279,7 @@ def test_damaged_clouds_are_named_in_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "problem"),
     [
-        ({"x": X, "y": Y, "t": T[:3]}, "has 4 x, 4 y and 3 times"),
+        ({"x": X, "y": Y, "t": T[:3]}, "has 4 values of x, 4 of y and 3 times"),
         ({"x": X, "y": Y, "t": np.array(["a"] * 4)}, "t is 1-dimensional <U1, not a number per point"),
         ({"x": X, "y": Y, "t": np.array([{}] * 4)}, "is not a readable"),
         ({"points": np.zeros((4, 5)), "t": T}, r"has points of shape \(4, 5\)"),

@@ -52,7 +52,7 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     if not keys:
         raise DataError(graph, "holds no pose", "give a graph over gtsam.Pose2 or gtsam.Pose3")
     if not _has_finite_error(factors, known):
-        raise DataError(graph, "has no finite error at the values", "check the values, and the noise models of the factors")
+        raise DataError(graph, "has an error that is not finite", "check the values, and the noise models of the factors")
     joined = [factors.at(k).keys() for k in range(factors.size()) if factors.exists(k)]
     is_held = any(len(some) == 1 and some[0] in keys for some in joined)
     return StoredGraph(factors, known, keys, () if is_held else keys[:1])

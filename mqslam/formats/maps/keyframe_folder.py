@@ -128,7 +128,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
     descriptors = _read_array(folder / "descriptors.npy", np.dtype("<f2"), (index["places"], None, None))
     described_with = index["described_with"]
     if len(places) and descriptors.shape[1:] != (described_with.get("rings"), described_with.get("sectors")):
-        raise DataError(folder / "descriptors.npy", "holds descriptions of places that do not fit its index", _REMEDY)
+        raise DataError(folder / "descriptors.npy", "holds descriptors of places that do not fit index.json", _REMEDY)
     recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
     spans = np.column_stack([rows["first_point"], rows["end_point"]])
     sound = (spans >= 0).all() and (spans <= len(points)).all() and (np.diff(spans) >= 0).all()
@@ -212,5 +212,5 @@ def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) 
         raise DataError(path, "cannot be read", _REMEDY) from error
     fits = array.dtype == kind and array.ndim == len(shape)
     if not fits or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise DataError(path, f"holds {array.shape} of {array.dtype}, which is not what the index says", _REMEDY)
+        raise DataError(path, f"holds an array {array.shape} of {array.dtype}, which does not fit index.json", _REMEDY)
     return array

@@ -213,6 +213,6 @@ def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, 
 def _read_mulran_table(header: Header, columns: Sequence[int], count: int, remedy: str) -> SensorTable:
     """Reads numbered columns of a table without a header; raises a DataError if the table has fewer than `count` columns."""
     if len(header.names) < count:
-        remedy = f"{remedy}; or one of {count} columns without a header, as MulRan's later versions have it"
+        remedy = f"{remedy}; or a table of {count} columns without a header, as later versions of MulRan have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)
     return read_sensor_table(header, columns)

@@ -79,7 +79,7 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     if first is None:
         notes.append(f"{path} states no date (RMC or ZDA): the day of the recording's start is assumed")
     if unfixed:
-        notes.append(f"{count_of(unfixed, 'position')} in {path} {is_or_are(unfixed)} no fix, and left out")
+        notes.append(f"{count_of(unfixed, 'position')} in {path} {is_or_are(unfixed)} left out: the receiver states no fix")
     if damaged:
         count = count_of(damaged, "sentence")
         faults.append(f"{path}: {count} {is_or_are(damaged)} left out: damaged, or with a wrong checksum")

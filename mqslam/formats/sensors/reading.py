@@ -115,7 +115,7 @@ def make_gyroscope(
     if np.count_nonzero(kept) < 2:
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
         problem = _describe_unusable(table, int(np.count_nonzero(kept)), "reading of a gyroscope", has)
-        raise DataError(path, problem, "a gyroscope needs at least two")
+        raise DataError(path, problem, "a gyroscope needs at least two usable readings")
     gyroscope = Gyroscope(table.stamps_us[kept], np.ascontiguousarray(table.columns[kept]), source, own_clock)
     return Reading(gyroscope, (*notes, *_note_unit(gyroscope)), faults)
 
@@ -189,7 +189,7 @@ def _choose_rows(
     faults = []
     rows = table.unread + len(sound)
     if bad := table.unread + int(np.count_nonzero(~sound)):
-        faults.append(f"{source}: {bad} of {count_of(rows, 'row')} {is_or_are(bad)} left out: they hold {unsound}")
+        faults.append(f"{source}: {bad} of {count_of(rows, 'row')} {is_or_are(bad)} left out: damaged, or with {unsound}")
     kept = sound.copy()
     if np.any(np.diff(table.stamps_us[sound]) <= 0):
         kept[sound] = mark_increasing(table.stamps_us[sound].tolist())

@@ -158,9 +158,9 @@ class RosSensors:
         """Notes for the user on the chosen topics, the messages without a fix, and the stamps."""
         notes = [f"gyroscope from {self.imu_topic}"] if self.imu_topic else []
         notes += [f"GNSS fixes from {self.fix_topic}"] if self.fix_topic else []
-        notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
+        notes += [f"other sensors of these kinds are not read: {', '.join(self.others)}"] if self.others else []
         if self.unfixed:
-            notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix: left out")
+            notes.append(f"the receiver states no fix in {count_of(self.unfixed, 'message')} on {self.fix_topic}: left out")
         if self.unstated:
             said = "whose status is not set (-2): those with a position are taken as fixes"
             notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")

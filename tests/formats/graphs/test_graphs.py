@@ -196,5 +196,5 @@ def test_values_without_a_finite_error_are_refused(files: tuple[Path, Path], x: 
     _, values = graph_and_values()
     values.update(X(1), gtsam.Pose2(x, 0.0, 0.0))
     files[1].write_text(values.serialize())
-    with pytest.raises(DataError, match=r"graph\.txt: has no finite error at the values; check the values, and the noise"):
+    with pytest.raises(DataError, match=r"graph\.txt: has an error that is not finite; check the values, and the noise"):
         read_gtsam(*files)

@@ -180,5 +180,5 @@ def test_places_at_keyframes_that_are_not_there_are_refused(folder: Path) -> Non
 @pytest.mark.parametrize("shape", [(2, 6, 4), (2, 24, 1), (2, 3, 8)])
 def test_descriptors_of_another_form_than_the_index_says_are_refused(folder: Path, shape: tuple[int, int, int]) -> None:
     np.save(folder / "descriptors.npy", np.load(folder / "descriptors.npy").reshape(shape))
-    with pytest.raises(DataError, match=r"descriptors\.npy: holds descriptions of places that do not fit its index"):
+    with pytest.raises(DataError, match=r"descriptors\.npy: holds descriptors of places that do not fit index\.json"):
         read_keyframes(folder)

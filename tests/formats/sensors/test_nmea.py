@@ -60,7 +60,7 @@ def test_a_receiver_that_has_no_fix_yet_gives_none(tmp_path: Path) -> None:
     lines = [empty, waiting, gga("221320.00", 0), gga("221321.00", 6), rmc("221321.50", "141123"), gga("221322.00", 5)]
     reading = read_fixes(write_lines(tmp_path / "log.nmea", *lines), 0)
     assert reading.sensor.stamps_us.tolist() == [at("221322.00")] and not reading.faults
-    assert reading.notes == (f"3 positions in {tmp_path / 'log.nmea'} are no fix, and left out",)
+    assert reading.notes == (f"3 positions in {tmp_path / 'log.nmea'} are left out: the receiver states no fix",)
 
 
 def test_damaged_sentences_are_counted_and_others_stay(tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_a_gyroscope_that_is_mounted_upside_down_is_turned(tmp_path: Path) -> No
 def test_a_receiver_without_a_fix_gives_none(tmp_path: Path) -> None:
     recording = write(tmp_path / "drive.mcap", "mcap", ("/fix", FIX, fixes(status=-1)))
     assert recording.fixes is None and not recording.faults
-    assert "5 messages on /fix without a fix: left out" in recording.notes
+    assert "the receiver states no fix in 5 messages on /fix: left out" in recording.notes
 
 
 def test_a_covariance_of_unknown_type_is_no_deviation(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_rates_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> N
 
     recording = write(tmp_path / "drive.mcap", "mcap", ("/imu", IMU, listed))
     assert recording.gyroscope is not None and len(recording.gyroscope) == 9
-    assert recording.faults == ("/imu: 1 of 10 rows is left out: they hold numbers that are not finite",)
+    assert recording.faults == ("/imu: 1 of 10 rows is left out: damaged, or with numbers that are not finite",)
 
 
 def test_of_several_topics_the_one_with_most_messages_is_read_and_truth_last(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_of_several_topics_the_one_with_most_messages_is_read_and_truth_last(tmp
     )
     assert recording.gyroscope is not None and recording.gyroscope.source == "/b/imu"
     assert recording.fixes is not None and recording.fixes.source == "/fix" and not recording.fixes.made_truth
-    assert "/a/imu, /ground_truth/fix: other sensors of these kinds, not read" in recording.notes
+    assert "other sensors of these kinds are not read: /a/imu, /ground_truth/fix" in recording.notes
     truth = write(tmp_path / "truth.mcap", "mcap", ("/ground_truth/fix", FIX, fixes())).fixes
     assert truth is not None and truth.made_truth
 
@@ -181,6 +181,6 @@ def test_fixes_whose_status_is_not_set_are_taken_if_they_have_a_place(tmp_path: 
     recording = write(tmp_path / "a.mcap", "mcap", ("/fix", FIX, fixes(status=-2)))
     assert recording.fixes is not None and len(recording.fixes.stamps_us) == 5
     assert "5 messages on /fix whose status is not set (-2): those with a position are taken as fixes" in recording.notes
-    assert not any("without a fix" in note for note in recording.notes)
+    assert not any("states no fix" in note for note in recording.notes)
     nowhere = write(tmp_path / "b.mcap", "mcap", ("/fix", FIX, fixes(status=-2, latitude=float("nan"))))
     assert nowhere.fixes is None and not nowhere.faults
