@@ -33,9 +33,9 @@ IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
 B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
-"""Type of the messages of Navtech's driver, and its definition, which ROS itself does not include."""
+"""Type and definition of the messages in which Navtech's driver sends polar scans; ROS itself does not define this type."""
 FFT_NAMES = ("/RadarFftDataMessage", "/RadarFftDataMsg", "/FftDataMessage")
-"""Names of the message types that hold one azimuth; they and their packages differ between versions of the driver."""
+"""Endings of the names of message types that hold one azimuth; versions of Navtech's driver have different types."""
 _FFT_TYPES = ("messages/msg/RadarFftDataMessage", "nav_messages/msg/RadarFftDataMsg")
 _FFT_DEFINITION = "std_msgs/Header header\n" + "".join(
     f"uint8[] {name}\n"
@@ -46,7 +46,7 @@ POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 RESULT_TOPICS = ("/path", "/pose")
-"""The topics on which the bag of a run holds its poses: without and with their covariances."""
+"""The topics on which the bag of a run's results holds the poses: first without, then with their covariances."""
 _TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 _MOST_METADATA_BYTES = 800_000  # limit on metadata.yaml; a day recorded in files of one minute has about 500,000
 PoseRow = tuple[int, float, float, float]  # stamp [us], x [m], y [m], yaw [rad]
@@ -71,9 +71,10 @@ _UNPACK = {
 }
 _PACKED = re.compile(rf".*?(?P<what>\.(?:db3|mcap|bag))?\.(?P<how>{'|'.join(_UNPACK)})")
 KINDS = {"rosbag1": ".bag", "mcap": ".mcap", "rosbag2": "", "rosbag2_mcap": ""}
-"""Bags that can be written, with their suffixes: a ROS 1 file, a bare mcap, and ROS 2 folders with sqlite3 or mcap."""
+"""Kinds of bags that can be written, by name, with the suffix of the file: a ROS 1 bag, an mcap file, and (with suffix "")
+folders of ROS 2 with sqlite3 or mcap."""
 RADAR_FRAME, VEHICLE_FRAME = "radar", "base_link"
-"""Frames of the radar and of the vehicle in every bag that is written."""
+"""Names of the frames of the radar and of the vehicle in every bag that is written."""
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION, TF_TYPE: "geometry_msgs/TransformStamped[] transforms\n"}
 _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]

@@ -33,7 +33,7 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
     "degs": float(np.radians(1.0)),
     "rpm": 2.0 * np.pi / 60.0,
 }
-"""Units of lengths, angles, speeds and turn rates in lower case, with their factors to m, deg, rad, m/s and rad/s."""
+"""Units in lower case with their factors: lengths to m, angles to degrees and to rad, speeds to m/s, turn rates to rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
 _LONGEST_LINE = 10_000  # a file whose first line has more characters is no table
 _LISTED = 20  # an error lists at most this many columns
@@ -41,7 +41,7 @@ _REPAIR = "repair or remove its line"
 _GIVE_STAMPS = "give stamps in s, us or ns"
 Parse = Callable[[str], float]
 Wanted = Sequence[tuple[str, dict[str, float]]]
-"""Names of columns, each with the units that it may have and their factors."""
+"""Names of columns, each with the units that the column may have and their factors to the first of these units."""
 
 
 @dataclass(frozen=True, slots=True)

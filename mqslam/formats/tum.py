@@ -15,10 +15,10 @@ from mqslam.formats.stamps import guess_unit, parse_stamps
 from mqslam.formats.text import read_lines
 
 WIDE = (8 + 36, 8 + 21, 8 + 12)
-"""Counts of numbers in a line with a pose and its covariance: the whole matrix, its upper triangle, or the upper triangles
-of its blocks of rotation and position."""
+"""Counts of numbers in a line with a pose and a covariance: the whole matrix, its upper triangle, or the upper triangles of
+its blocks of rotation and position."""
 WIDTHS = "8 numbers per line, or {}, {} or {} with a covariance after the pose".format(*sorted(WIDE))
-"""The widths of all forms of TUM, for messages."""
+"""Counts of numbers in the lines of all forms of TUM, in words for messages."""
 _REMEDY = f"give a TUM trajectory ({WIDTHS})"
 
 

@@ -31,7 +31,7 @@ from mqslam.formats.stamps import LATEST_US
 from mqslam.version import __version__
 
 FOLDER: Final = "keyframes"
-"""Name of the folder within a result."""
+"""Name of the folder of keyframes within a result."""
 _FORMAT: Final = "mqslam keyframes"
 _VERSION: Final = 1
 _KEYFRAME: Final = np.dtype(

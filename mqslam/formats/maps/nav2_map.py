@@ -21,8 +21,8 @@ _WIDEST_M = 1e3  # no map has wider cells [m]
 _OCCUPIED = 0
 _FREE = 254
 _UNKNOWN = 205
-"""Pixels of occupied, free and unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives
-0.19608, just above the threshold of free cells."""
+"""Pixels of occupied, free and unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255. The pixel 205
+gives 0.19608, just above the threshold of free cells."""
 _ROWS = 500  # rows of the image that are in memory at a time; the result does not depend on this number
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
