@@ -254,7 +254,7 @@ class PoseLog:
         self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
 
     def trajectory(self, topic: str | None) -> Trajectory | None:
-        """Returns the valid poses on a topic in the order of their stamps, or None for fewer than two stamps or no topic."""
+        """Returns the valid poses on a topic by increasing stamp; None if the topic is None or has fewer than two stamps."""
         rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
         if len(rows) < 2:
             return None

@@ -45,8 +45,8 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     states in a comment how long a scan takes; in older files the comment also states the stamp from which times are counted.
 
     Args:
-        path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t;
-            or points (N, 2) or (N, 3), and t, times or stamps.
+        path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y [m] and a time. In an `.npz` x and y may be the
+            columns of an array points (N, 2) or (N, 3).
         z_range: lowest and highest z [m] to keep; None keeps every point, whatever its z.
 
     Raises:
@@ -133,10 +133,10 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Returns a note on the step between single-precision times (N,) [s], or "" if the step is small.
+    """Returns a note on the steps in which single-precision times (N,) [s] come, or "" if the steps are small.
 
     Raises:
-        DataError: the step is too large to tell one scan from the next.
+        DataError: the steps are too large to tell one scan from the next.
     """
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
@@ -146,7 +146,7 @@ def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
 
 
 def _load_ply(path: Path) -> Columns:
-    """Loads the properties of the vertices of a PLY by name."""
+    """Loads the properties (N,) of the vertices of a PLY, and returns them by name."""
     from plyfile import PlyData
 
     content = PlyData.read(str(path))
@@ -157,7 +157,7 @@ def _load_ply(path: Path) -> Columns:
 
 
 def _load_pcd(path: Path) -> Columns:
-    """Loads the fields of a PCD by name."""
+    """Loads the fields (N,) of a PCD, and returns them by name."""
     try:
         from pypcd4.pypcd4 import MetaData, PointCloud
     except ModuleNotFoundError as error:
@@ -184,7 +184,7 @@ def _load_pcd(path: Path) -> Columns:
 
 
 def _load_las(path: Path) -> Columns:
-    """Loads the dimensions of a LAS or LAZ by name; x, y and z are the scaled coordinates [m]."""
+    """Loads the dimensions (N,) of a LAS or LAZ, and returns them by name; x, y and z are in metres."""
     try:
         import laspy
         import lazrs  # noqa: F401 - which laspy looks for only once it unpacks points
@@ -200,13 +200,13 @@ def _load_las(path: Path) -> Columns:
 
 
 def _name_missing(path: Path, library: str) -> DataError:
-    """Returns the error for a cloud whose library, `pcd` or `las` for `describe_missing`, is not installed."""
+    """Returns the error that the library that reads a cloud, `pcd` or `las`, is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
 
 
 def _load_npz(path: Path) -> Columns:
-    """Loads by name the arrays of an `.npz` that a cloud needs; all other names have an empty tuple in place of an array."""
+    """Loads the arrays of an `.npz` that a cloud needs, and returns them by name; other names have an empty tuple."""
     with npz.open_npz(path, _WANTED) as archive:
         names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
@@ -273,7 +273,7 @@ def write_unpacked(words: list[str]) -> bytes:
 
 
 def _read_size(path: Path) -> tuple[bool, int]:
-    """Returns whether the points of a LAS or LAZ file are compressed, and their unpacked size [bytes] by its header."""
+    """Reads from the header of a LAS or LAZ whether its points are compressed, and their unpacked size [bytes]."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")
     (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)

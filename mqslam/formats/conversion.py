@@ -111,7 +111,7 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
     Args:
         recording: the recording.
         target: the layout.
-        unmarked: number of azimuths that lose their mark as not measured, because the layout cannot hold it.
+        unmarked: number of azimuths that lose their mark as not measured, because the layout cannot hold this mark.
     """
     notes = []
     if recording.odometry is not None and not target.odometry:

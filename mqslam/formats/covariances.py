@@ -37,8 +37,8 @@ class StampedCovariances:
     Args:
         stamps_us: (N,) [us], increasing.
         covariances: (N, 3, 3) covariances in x, y [m] and yaw [rad].
-        of_first_pose: True if x and y are the axes of the first pose, as a run writes covariances; False if x and y are the
-            axes of the frame in which the trajectory's poses are given, as in ROS.
+        of_first_pose: True if x and y run along the axes of the first pose, as a run writes covariances; False if they run
+            along the axes of the frame in which the trajectory's poses are given, as in ROS.
     """
 
     stamps_us: NDArray[np.int64]

@@ -24,7 +24,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is its position in the file, for errors.
+    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is a place in the file, for errors.
 
     Raises:
         DataError: the quaternion is zero.
@@ -49,7 +49,7 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
     """Makes a trajectory of a file's stamps (N,) [us] and poses (N, 3), x [m], y [m], yaw [rad].
 
     Raises:
-        DataError: there are fewer than two poses, one is not finite or too far away, or stamps do not increase.
+        DataError: there are fewer than two poses, a pose is not finite or too far away, or the stamps do not increase.
     """
     if len(stamps_us) < 2:
         raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs at least two poses")

@@ -67,7 +67,7 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
     """Parses decimal numbers (N,) as stamps (N,) [us] in exact arithmetic; a unit of "" is guessed from their size.
 
     Raises:
-        ValueError: a word is no finite number, or a stamp lies beyond any clock.
+        ValueError: a word is no finite number, or a stamp is larger than `LATEST_US`.
     """
     try:
         values = [Decimal(word) for word in words]
@@ -87,7 +87,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
     """Returns finite numbers (N,) of any type as stamps (N,) [us], and the numbers' unit; a unit of "" is guessed.
 
     Raises:
-        ValueError: a stamp lies beyond any clock.
+        ValueError: a stamp is larger than `LATEST_US`.
     """
     largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
     unit = unit or guess_unit(largest)

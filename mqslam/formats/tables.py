@@ -125,7 +125,7 @@ class Header:
         return stamps, list(columns), np.array(factors)
 
     def refuse(self, missing: Sequence[str], remedy: str) -> DataError:
-        """Returns the error that columns are missing; it lists the columns that exist."""
+        """Returns the error that columns are missing, which lists the columns that exist."""
         return DataError(
             self.path, f"has no column {', '.join(missing)} (columns: {', '.join(self.names[:_LISTED])})", remedy
         )
@@ -323,7 +323,7 @@ def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
-    """Reads a sensor's stamps and readings, each in the first of its units; stamps without a unit are in microseconds.
+    """Reads a sensor's stamps and its wanted columns, each in the first of its units; stamps without a unit count as us.
 
     Args:
         header: the first line of the table.

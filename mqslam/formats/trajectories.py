@@ -322,7 +322,10 @@ def _read_first_words(times: Path) -> NDArray[np.int64]:
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
-    """Makes a planar trajectory of stamps (N,) [us] and the upper three rows (N, 12) of pose matrices, camera or not."""
+    """Makes a planar trajectory of stamps (N,) [us] and the upper three rows (N, 12) of the matrices of poses [m].
+
+    If `_is_camera` says so, the poses are those of a camera, else those of a body in the x-y plane.
+    """
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():
         row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
@@ -355,7 +358,7 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
     - KISS-ICP and KISS-SLAM write each pose with all its digits into `NAME_poses_kitti.txt`, and its stamp with the rounded
       pose into `NAME_poses_tum.txt`. Their newest result is in the folder `latest`.
     - CFEAR writes `est/NN.txt` as KITTI, and the stamps into `est/tum_NN.txt`.
-    - TBV SLAM writes poses with their stamps into `graph.txt`; its `est/00.txt` holds a part of them, without stamps.
+    - TBV SLAM writes poses with their stamps into `graph.txt`; its `est/00.txt` holds a part of the poses, without stamps.
     - A run of mqslam writes `trajectory.tum`.
 
     Returns:

@@ -88,7 +88,7 @@ class Mounts:
             self.parents[frame], self.topics[frame] = (parent, matrix), topic
 
     def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
-        """Returns whether a transform on /tf is valid and equals the frame's first one; a frame that moves is removed."""
+        """Returns whether a transform on /tf is valid and equal to the first of its frame; a frame that moves is removed."""
         if not _is_motion(numbers):
             return False
         before = self.stated.setdefault(frame, (parent, numbers))
@@ -169,7 +169,7 @@ class Transforms:
     clock: Clock = field(default_factory=Clock)
 
     def add(self, message: Any, topic: str, logged_ns: int) -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage`; invalid ones are left out and counted.
+        """Adds the transforms of a `tf2_msgs/TFMessage`; invalid transforms are left out and counted.
 
         Args:
             message: the message with the transforms.
@@ -248,7 +248,7 @@ class Transforms:
         return Trajectory(stamps, np.column_stack([places[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])]))
 
     def _climb(self, frame: str) -> list[str]:
-        """Returns a frame and its ancestors, up to the last one below the root, or once around a ring."""
+        """Returns a frame and the frames above it, without the root; if the frames form a ring, each of them once."""
         chain: list[str] = []
         while frame in self.links and frame not in chain:
             chain.append(frame)

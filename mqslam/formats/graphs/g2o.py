@@ -141,10 +141,9 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
-    Comments (`#`) are left out. Vertices that `FIX` names stay fixed; without `FIX`, the vertex with the lowest number stays
-    fixed.
-    GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
-    know, makes up missing vertices, and accepts any matrix as an information matrix.
+    Comments (`#`) are left out. The vertices that `FIX` names stay fixed; without `FIX` it is the vertex with the lowest
+    number. GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does
+    not know, makes up missing vertices, and accepts any matrix as an information matrix.
 
     Raises:
         DataError: the file cannot be read, has a line of any other kind, an edge to a missing vertex, or an information
@@ -323,7 +322,7 @@ class StoredGraph:
         factors: the graph.
         values: the values of all variables, as the file has them.
         keys: keys of the poses, Pose2 or Pose3, in increasing order.
-        held: keys of the poses that stay fixed because no factor states where the graph lies; empty if a factor does.
+        held: keys of the poses that stay fixed, so that the graph cannot move as a whole; empty if its factors prevent this.
     """
 
     factors: gtsam.NonlinearFactorGraph

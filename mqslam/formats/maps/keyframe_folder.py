@@ -101,7 +101,7 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
 
 
 def find_keyframes(path: Path) -> Path | None:
-    """Returns the path if it is a folder of keyframes, else the folder of keyframes in the result there, else None."""
+    """Returns the path if it is a folder of keyframes, else the folder of keyframes in the result at the path, else None."""
     for folder in (path, path / FOLDER):
         if (folder / "index.json").is_file():
             return folder

@@ -21,10 +21,10 @@ def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
 
     Args:
         path: the file.
-        start_us: stamp of the recording's start [us], which gives the date of an NMEA log that states none.
+        start_us: stamp of the recording's start [us], from which an NMEA log without dates takes its date.
 
     Raises:
-        DataError: the file cannot be read, is none of these, or holds no fix.
+        DataError: the file cannot be read, has none of these forms, or holds no fix.
     """
     with open_lines(path, FIXES_REMEDY, "ascii", "replace") as lines:
         is_log = path.suffix.lower() == ".nmea" or "$" in lines.readline(200)

@@ -53,7 +53,7 @@ def read_gyroscope_table(path: Path) -> Reading[Gyroscope]:
     """Reads a gyroscope from a CSV: `t,wx,wy,wz`, or a table of Oxford, Boreas or MulRan.
 
     Raises:
-        DataError: the file cannot be read, is none of these, or holds fewer than two rows that can be used.
+        DataError: the file cannot be read, has none of these forms, or holds fewer than two rows that can be used.
     """
     header = read_header(path, GYROSCOPE_REMEDY)
     if path.name in DMU_NAMES or "angvel_z" in header.names:
@@ -77,7 +77,7 @@ def read_fixes_table(path: Path, *, made_truth: bool = False) -> Reading[Fixes]:
         made_truth: whether the recording's ground truth was made from these fixes; always true for tables of the datasets.
 
     Raises:
-        DataError: the file cannot be read, is none of these, or holds no fix.
+        DataError: the file cannot be read, has none of these forms, or holds no fix.
     """
     header = read_header(path, FIXES_REMEDY)
     if "latitude" in header.names or _STATUS in header.names:
@@ -184,7 +184,7 @@ def _read_ins_rates(header: Header) -> Reading[Gyroscope]:
 
 
 def _read_ins_fixes(header: Header) -> Reading[Fixes]:
-    """Reads the fixes of Oxford's INS or, from gps.csv, the fixes of its receiver with their standard deviations."""
+    """Reads the fixes of Oxford's INS or, from gps.csv, those of its GNSS receiver, with standard deviations if stated."""
     places, sigmas = ("latitude", "longitude"), ("latitude_sigma", "longitude_sigma")
     notes: list[str] = []
     if _STATUS in header.names:

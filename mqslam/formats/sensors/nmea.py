@@ -91,7 +91,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
     Args:
         positions: number of GGA sentences in the log.
-        useless: by reason why a GGA sentence gives no fix, the number of such sentences.
+        useless: for each reason why GGA sentences give no fix, the number of these sentences.
     """
     if not positions:
         return "holds no GGA sentence"

@@ -66,7 +66,7 @@ def add_beside(
     odometry: Callable[[], Trajectory | None] = lambda: None,
     notes: Iterable[str] = (),
 ) -> _Some:
-    """Adds to a recording its other sensors and its trajectories; any that cannot be used is left out, with a fault.
+    """Returns a recording with its other sensors and trajectories added; what cannot be used is left out, with a fault.
 
     Args:
         recording: the recording; its notes come first, and its own trajectories stay where `truth` or `odometry` reads none.

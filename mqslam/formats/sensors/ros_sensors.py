@@ -108,7 +108,7 @@ class RosSensors:
             self.rows[connection.topic].unread += 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
-        """Returns the gyroscope, in the vehicle's axes where transforms place it; None if the bag has no gyroscope.
+        """Returns the gyroscope, in the vehicle's axes if transforms lead to the vehicle; None if the bag has no gyroscope.
 
         Raises:
             DataError: fewer than two messages can be used.
@@ -126,7 +126,7 @@ class RosSensors:
         return make_gyroscope(path, table, note, source=self.imu_topic)
 
     def read_fixes(self, path: Path) -> Reading[Fixes] | None:
-        """Returns the fixes; None if the bag has no topic of fixes, or the receiver never had a fix.
+        """Returns the GNSS fixes; None if the bag has no topic of fixes, or no message states a fix.
 
         Raises:
             DataError: no message can be used.
