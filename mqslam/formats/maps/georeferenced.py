@@ -22,7 +22,7 @@ from mqslam.execution.files import write_aside, write_json
 _OCCUPIED: Final = 255
 _TRANSFORMATION, _KEYS, _DOUBLES, _NAMES, _NOTHING = 34264, 34735, 34736, 34737, 42113  # numbers of TIFF tags
 _USER_DEFINED: Final = 32767
-_METRE, _DEGREE, _WGS_84 = 9001, 9102, 4326  # EPSG
+_METRE, _DEGREE, _WGS_84 = 9001, 9102, 4326  # codes of EPSG
 _PROJECTION_NAME: Final = "Transverse Mercator about the map's tangent plane|"
 _DIGITS = 8  # decimals of a degree: the last one is a millimetre
 _BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)

@@ -24,7 +24,7 @@ from mqslam.formats.tables import SensorTable
 from mqslam.formats.text import open_lines
 
 _DAY_US = 86_400_000_000
-_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a measured fix; others mean no fix, or an estimated one
+_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a measured fix; others: none, estimated or simulated
 _FIRST_YEAR = 1980  # GPS time begins here: a year of two digits lies in the hundred years from 1980
 _LONGEST_SENTENCE = 1000  # characters; the standard allows 82, and no receiver writes many more
 _REMEDY = "give the log as a receiver with fixes writes it: GGA with checksums"
