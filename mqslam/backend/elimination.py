@@ -1,18 +1,18 @@
 """Computes covariances of the variables of a graph by eliminating one variable after the other.
 
-The linearised graph states J x = z with noise of unit variance. An orthogonal transformation of the rows that involve a
-variable x_k results in
+The linearised graph is a system J x = z + noise of unit variance. The vector x holds all variables, and each factor gives
+some rows of J and z. To eliminate a variable x_k, an orthogonal matrix transforms the rows that involve x_k into
 
     R x_k + T x_s = z_k + noise of unit variance,
 
-and in rows without x_k, which are kept for the next variables. Here x_s are the other variables in the rows that involve
-x_k. Up to a constant, x_k = R^-1 (noise - T x_s): the covariance of x_k follows from the covariance of x_s, from the last
-variable back to the first.
+and into rows without x_k, which are kept for the next variables. R is upper triangular. The vector x_s holds the other
+variables in the transformed rows; all of them are eliminated later. The last variable has no x_s, so R alone gives its
+covariance. From there back to the first variable, the covariance of each x_k follows from the covariance of its x_s.
 
-Rows are never squared, and a covariance is kept as a square root L, with L L^T the covariance. Where edges measure some
-directions to a millimetre and others not at all, the squares exceed the precision of floating-point numbers: GTSAM's own
-marginals, by Cholesky's method, then end with an exception. The work grows with the number of variables. It would grow with
-the square of this number if a linear system had to be solved for every pose.
+The matrix J^T J is never formed, and a covariance C is stored as a square root L with L L^T = C. Where edges measure some
+directions to a millimetre and others not at all, J^T J exceeds the precision of floating-point numbers: GTSAM's own
+marginals, by Cholesky's method, then end with an exception. The work is proportional to the number of variables. If a linear
+system were solved for every pose, the work would grow with the square of this number.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # derivative of a vector (3,): the key of each variable and its block (3, d)
-UNDETERMINED: Final = "the graph leaves a direction undetermined"  # states why covariances cannot be computed
-# numerical tolerance, which changes no exact result
-_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # size of the random relative changes that show rounding errors
+Derivative = tuple[tuple[int, _Array], ...]  # derivatives (3, d) of a vector (3,) by variables (d,), each after its key
+UNDETERMINED: Final = "the graph leaves a direction undetermined"  # reason why covariances cannot be computed
+# numerical: standard deviation of the random relative changes of numbers that reveal rounding errors
+_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)
 
 
 class Blocks(NamedTuple):
     """Dense blocks of rows of a linear system, stored one after the other. Each block involves a few variables.
 
     Args:
-        variables: (v,) numbers of the variables of all blocks, block by block, in the order of the columns.
+        variables: (v,) numbers of the variables of all blocks, block by block, in the order of the block's columns. The
+            number of a variable is its position in the order of elimination.
         variable_begins: (b + 1,) index in `variables` at which each block begins, and the index after the last block.
         rows: (b,) number of rows in each block.
-        entries: (e,) coefficients of all blocks, row by row.
+        entries: (e,) coefficients of all blocks, block by block, and row by row within a block.
         entry_begins: (b + 1,) index in `entries` at which each block begins, and the index after the last block.
     """
 
@@ -55,19 +56,19 @@ class Blocks(NamedTuple):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Generator, digits: float) -> tuple[int, Blocks]:
-    """Eliminates one variable after the other.
+    """Eliminates the variables of a linear system one after the other, until a variable is not determined.
 
     Args:
         widths: (n,) number of components of every variable, in the order of elimination.
         system: rows of the system, each divided by the standard deviation of its noise; a block may list its variables in
             any order.
-        noise: random numbers that change the last digits of all coefficients.
-        digits: standard deviation of this change, relative to each coefficient; zero leaves them as they are.
+        noise: generator of random numbers, which change the last digits of all coefficients.
+        digits: standard deviation of this change, relative to each coefficient; zero changes nothing.
 
     Returns:
-        The number of variables that are determined, and a block of rows for each of them, one row per component: the upper
-        triangle of the variable itself, then the columns of the variables that it depends on. These are all eliminated
-        later.
+        The number of eliminated variables, which is less than n if a variable is not determined; and one block of rows for
+        each of them. In this module's notation, the block holds R in the columns of the variable itself, and then T in the
+        columns of the variables x_s, in increasing order. The block has one row per component of the variable.
     """
     count, blocks = len(widths), len(system.rows)
     pool = _make_room(system, count)
@@ -112,7 +113,7 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
 
 @nb.njit(cache=True, nogil=True)
 def _make_room(system: Blocks, more: int) -> Blocks:
-    """Returns a copy of the blocks with room for `more` further blocks."""
+    """Returns a copy of the blocks in which the arrays with one entry per block have room for `more` further blocks."""
     size = len(system.rows) + more
     variable_begins, entry_begins = np.zeros(size + 1, np.int64), np.zeros(size + 1, np.int64)
     rows = np.zeros(size, np.int64)
@@ -124,7 +125,11 @@ def _make_room(system: Blocks, more: int) -> Blocks:
 
 @nb.njit(cache=True, nogil=True)
 def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[np.int64], variable: int, block: int) -> None:
-    """Appends a block to the list of the blocks that wait for a variable."""
+    """Appends a block to the list of the blocks that wait for the elimination of a variable.
+
+    `head` and `tail` give the first and the last block in the list of each variable, and `following` gives the next block
+    after each block; -1 stands for no block.
+    """
     if head[variable] < 0:
         head[variable] = block
     else:
@@ -134,9 +139,9 @@ def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[n
 
 @nb.njit(cache=True, nogil=True)
 def _unite(pool: Blocks, first: int, following: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the variables of all blocks that wait for one variable, increasing.
+    """Returns the numbers of all variables in a list of blocks that begins with the block `first`, in increasing order.
 
-    `column` is scratch space: all negative before and after the call.
+    `column` is scratch space with one entry per variable, all negative before and after the call.
     """
     room, block = 0, first
     while block >= 0:
@@ -164,9 +169,9 @@ def _stack(
     column: NDArray[np.int64],
     tied: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Stacks the rows of all blocks that wait for one variable, with the columns of the variables `tied`, in this order.
+    """Stacks the rows of a list of blocks that begins with the block `first`; the columns are those of the variables `tied`.
 
-    `column` is scratch space: all negative before and after the call.
+    `column` is scratch space with one entry per variable, all negative before and after the call.
     """
     width, height, block = 0, 0, first
     for one in tied:
@@ -192,9 +197,10 @@ def _stack(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the upper triangular matrix R of a QR decomposition; small rows lose no digits to large ones.
+    """Returns the upper triangular matrix R (min(m, k), k) of the QR decomposition of a matrix.
 
-    The rows are sorted by size, the largest first, and reflected for one column after the other (Householder).
+    The rows are first sorted by size, the largest first. Householder's reflections of the sorted rows lose no digits of
+    small rows to large rows.
 
     Args:
         entries: (m, k) matrix A; R^T R equals A^T A.
@@ -232,7 +238,7 @@ def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @nb.njit(cache=True, nogil=True)
 def _append(flat: NDArray[np.float64], used: int, more: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Writes numbers into an array behind the `used` first ones; returns the array, or a larger copy if it has no room."""
+    """Writes numbers into an array after its first `used` entries; returns the array, or a larger copy if it is full."""
     if used + len(more) > len(flat):
         larger = np.empty(2 * (used + len(more)), flat.dtype)
         larger[:used] = flat[:used]
@@ -250,18 +256,19 @@ def project_all(
     places: NDArray[np.int64],
     blocks: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Returns the covariances (K, 3, 3) of K linear functions D x of the vector x, where R x is noise of unit variance.
+    """Returns the covariances (K, 3, 3) of K linear functions D x of a vector x, where R x is noise of unit variance.
 
-    The covariance is Y^T Y with R^T Y = D^T. Y is computed row by row from above; rows of zeros cost nothing.
+    Each function has its own matrix D (3, n). Its covariance is Y^T Y, where Y solves R^T Y = D^T. Y is computed row by row
+    from the first row on; rows of zeros are skipped.
 
     Args:
         begins: (n + 1,) index in `entries` at which each row of the upper triangular R begins, and the index after the last
             row.
-        columns: (m,) columns of the entries of R.
-        entries: (m,) entries of R row by row, in each row the diagonal entry first.
+        columns: (m,) column of each entry of R.
+        entries: (m,) entries of R that may differ from zero, row by row; in each row the diagonal entry comes first.
         ends: (K + 1,) index in `blocks` at which the rows of each function's D^T begin, and the index after the last row.
-        places: (r,) numbers of the rows of D^T that are not zero.
-        blocks: (r, 3) entries of these rows.
+        places: (r,) index in D^T of each row in `blocks`.
+        blocks: (r, 3) the rows of all D^T that are not zero, function by function.
     """
     covariances = np.zeros((len(ends) - 1, 3, 3))
     right = np.zeros((len(begins) - 1, 3))
@@ -286,14 +293,14 @@ def project_all(
 
 
 class _Conditional(NamedTuple):
-    """The distribution of a variable x given other variables x_s.
+    """The distribution of a variable x (d,) given the variables x_s that it depends on.
 
-    own x + others x_s is a constant plus noise of unit variance.
+    `own` x + `others` x_s equals a constant plus noise of unit variance.
 
     Args:
-        given: numbers of the other variables x_s, increasing; all are eliminated later.
+        given: numbers of the variables x_s, increasing; all are eliminated later than x.
         own: (d, d) upper triangular coefficients of x.
-        others: (d, w) coefficients of x_s.
+        others: (d, w) coefficients of the w components of x_s.
     """
 
     given: tuple[int, ...]
@@ -302,13 +309,13 @@ class _Conditional(NamedTuple):
 
 
 class Elimination:
-    """A linearised graph whose variables have been eliminated one after the other; it computes covariances of variables.
+    """Eliminates all variables of a linearised graph, and then computes covariances of variables and of functions of them.
 
     Args:
         linear: the linearised graph; its variables may be of any kind.
         values: values at which the graph was linearised.
         last: key of the variable that is eliminated last.
-        noise: random numbers that change the last digits of all coefficients; None leaves them as they are.
+        noise: generator of random numbers, which change the last digits of all coefficients; None changes nothing.
 
     Raises:
         EstimationError: the graph does not determine all its variables.
@@ -339,13 +346,13 @@ class Elimination:
             self._conditionals.append(_Conditional(tuple(tied[1:]), rows[:, :width], rows[:, width:]))
 
     def compute_marginals(self, poses: Sequence[int]) -> _Array:
-        """Returns the covariances (K, 3, 3) of poses, given their keys.
+        """Returns the covariances (K, 3, 3) of planar poses in their own frames [m, m, rad], given the keys of the poses.
 
         The covariances are computed from the last variable back to the first. A square root of the joint covariance of a
-        variable and the variables that it depends on is held only as long as other variables need it.
+        variable and the variables that it depends on is stored only as long as other variables need it.
         """
         following: list[list[int]] = [[] for _ in self._conditionals]
-        waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, variables with a known joint root, and this root
+        waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, variables whose joint root is known, the root
         for variable, conditional in enumerate(self._conditionals):
             if conditional.given:
                 following[conditional.given[0]].append(variable)
@@ -362,10 +369,12 @@ class Elimination:
         return np.array([covariances[self._numbers[pose]] for pose in poses])
 
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
-        """Extends a square root of a joint covariance by a variable.
+        """Returns a square root of the joint covariance of a variable and the variables that it depends on, in this order.
 
-        The result is a square root of the joint covariance of this variable and the variables that it depends on. All of
-        these are among the `known` variables.
+        Args:
+            known: numbers of some variables, which include all that the variable depends on.
+            root: a square root of the joint covariance of the known variables.
+            variable: number of the variable.
         """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])
@@ -382,10 +391,10 @@ class Elimination:
         return joint
 
     def project(self, derivatives: Sequence[Derivative]) -> _Array:
-        """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
+        """Returns the covariances (K, 3, 3) of K functions (3,) of the variables, given the derivatives of each function.
 
         In the eliminated system, R x is noise of unit variance, so that D x has the covariance of D R^-1 noise. Only the
-        variables in D take part, and the variables that they depend on, directly or through others.
+        variables in D contribute, and the variables that these depend on, directly or through others.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
@@ -397,7 +406,7 @@ class Elimination:
 
     @cached_property
     def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
-        """The rows of R as `project_all` takes them: where each row begins, and the columns and entries of all rows."""
+        """The arguments `begins`, `columns` and `entries` of `project_all`: the rows of the matrix R of all variables."""
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         columns, entries, counts = [], [], [0]
         for variable, conditional in enumerate(self._conditionals):
@@ -411,7 +420,7 @@ class Elimination:
 
 
 def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
-    """Returns the rows of all factors of a linearised graph as blocks."""
+    """Returns the rows of a linearised graph, one block per factor; `numbers` gives the number of a variable by its key."""
     factors = [linear.at(k) for k in range(linear.size())]
     variables = [[numbers[key] for key in factor.keys()] for factor in factors]
     jacobians = [factor.jacobian()[0] for factor in factors]

@@ -17,10 +17,10 @@ from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
 from mqslam.errors import EstimationError, describe_error, raise_interrupt
 
-# numerical tolerance, which changes no exact result
-_DISAGREEMENT: Final = 1e-4  # largest difference of two computations, relative to the standard deviations
+# numerical: largest difference of two computations of a covariance, relative to the product of the standard deviations
+_DISAGREEMENT: Final = 1e-4
 
-_PLANAR: Final = np.eye(6)[[3, 4, 2]]  # x, y and yaw among roll, pitch, yaw, x, y and z
+_PLANAR: Final = np.eye(6)[[3, 4, 2]]  # (3, 6) matrix that picks x, y and yaw from roll, pitch, yaw, x, y and z
 
 TOO_UNEQUAL: Final = "floating-point precision does not suffice for edges this unequal"  # why covariances are not known
 
@@ -62,11 +62,14 @@ class PoseCovariances:
 
 
 def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovariances:
-    """Computes the covariances of all poses in their own frames, given all factors.
+    """Computes the covariances of all poses of scans in their own frames, given all factors.
 
     Args:
-        graph: the graph; its factors may also involve variables other than the poses.
+        graph: the graph; its poses must be planar, and its factors may also involve other variables.
         values: the values at which the graph is linearised.
+
+    Returns:
+        The covariances; if they cannot be computed, a result without any covariances that states the reason.
     """
     keys = [graph.key(k) for k in range(graph.size)]
     try:
@@ -89,16 +92,17 @@ class Uncertainty:
         self._graph, self._values = graph, values
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
+        """Computes the covariances (K, 3, 3) of poses relative to other poses, given all factors [m, m, rad].
 
-        An error that both poses of a pair share cancels: the result is the covariance of the motion from one pose to the
-        other.
+        The covariance of a pair (a, b) belongs to x, y and yaw of pose b in the frame of pose a. An error that both poses
+        share does not contribute.
 
         Args:
-            pairs: numbers (a, b) of K pairs of poses; each covariance belongs to x, y and yaw of pose b in the frame of a.
+            pairs: numbers (a, b) of K pairs of poses.
 
         Raises:
-            EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
+            EstimationError: the graph does not determine a pose, has edges too unequal for floating-point precision, or does
+                not fit into memory.
         """
         covariances = np.zeros((len(pairs), 3, 3))
         apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame has no error
@@ -121,13 +125,14 @@ class Uncertainty:
     def compute_twice(self, compute: Callable[[Elimination], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Computes covariances (K, 3, 3), and checks them by a second computation from the other end of the trajectory.
 
-        In the second computation the last digits of all numbers are changed at random, so that rounding errors show.
+        In the second computation the last digits of all numbers are changed at random, so that rounding errors show as
+        differences between the two results.
 
         Args:
             compute: returns the covariances from the eliminated graph.
 
         Raises:
-            EstimationError: the graph leaves a covariance undetermined, or both computations disagree.
+            EstimationError: the graph leaves a covariance undetermined, or the two computations disagree.
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # results that are not finite are refused below
             covariances, again = (compute(elimination) for elimination in self._eliminations)
@@ -141,7 +146,7 @@ class Uncertainty:
 
     @cached_property
     def _eliminations(self) -> tuple[Elimination, Elimination]:
-        """The graph eliminated twice: towards its first pose, and, with the last digits changed, towards its last pose."""
+        """The graph, eliminated once with the first pose last, and once with the last pose last and random last digits."""
         linear = self._graph.factors.linearize(self._values)
         keys = [self._graph.key(k) for k in range(self._graph.size)]
         if not set(linear.keyVector()) >= set(keys):
@@ -153,21 +158,21 @@ class Uncertainty:
         return there, Elimination(linear, values, keys[-1], np.random.default_rng(0))
 
 
-_SCALE: Final = S(0)  # key of the relative error that all distances of the radar have in common
+_SCALE: Final = S(0)  # key of the relative error of the scale, which all distances of the radar have in common
 
 
 def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, float]:
-    """Measures the relative error that all distances of the radar have in common, from a graph with other sensors.
+    """Measures the relative error of the scale, which all distances of the radar have in common.
 
-    The graph was optimised without this error. At the optimum only the derivative by the error differs from zero, so that
-    one step of Gauss-Newton gives the error.
+    The graph contains other sensors, and was optimised without this error. At the optimum, the derivatives of the cost by
+    all other variables are zero, so that one Gauss-Newton step from the derivative by the scale error gives the scale error.
 
     Args:
-        graph: the graph; its `scale_sigma` is the prior standard deviation of the error.
+        graph: the graph with the other sensors; its `scale_sigma` is the prior standard deviation of the scale error.
         values: the optimised values of the graph.
 
     Returns:
-        True distance over the radar's distance, minus 1, and its standard deviation.
+        The scale error, which is true distance divided by the radar's distance, minus 1; and its standard deviation.
 
     Raises:
         EstimationError: the graph leaves a variable undetermined.
@@ -186,15 +191,15 @@ def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, 
 def _add_scale(
     graph: PoseGraph, linear: gtsam.GaussianFactorGraph, values: gtsam.Values
 ) -> tuple[gtsam.GaussianFactorGraph, gtsam.Values]:
-    """Adds the relative error of all distances of the radar, as a variable with a prior, to a linearised graph.
+    """Adds the relative error of the scale to a linearised graph, as a variable with a prior of mean zero.
 
     Args:
-        graph: the graph; each of its between-factors of two scans or submaps measures a distance of the radar.
+        graph: the graph; each of its between-factors of scans or submaps states a distance as the radar measures it.
         linear: the linearised graph.
         values: the values at which the graph was linearised.
 
     Returns:
-        The linearised graph, whose first factor is the prior of the error, and the values with an error of zero.
+        The linearised graph, whose first factor is the prior of the scale error, and the values with a scale error of zero.
     """
     scaled = gtsam.GaussianFactorGraph()
     unit = gtsam.noiseModel.Isotropic.Sigma(1, graph.scale_sigma)
@@ -214,10 +219,11 @@ def _add_scale(
 
 
 def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int, int]) -> Derivative:
-    """Returns the derivatives by both poses of the motion (3,) from the pose of key a to the pose of key b.
+    """Returns the derivatives of a motion (3,), from the pose of key a to the pose of key b, with respect to both poses.
 
     GTSAM states the change of a pose in that pose's own frame. A pose in space changes by roll, pitch, yaw, x, y and z; the
-    motion is the planar one between the two poses.
+    motion between two such poses is their motion as seen from above. `widths` gives the number of components of a pose by
+    its key: 3 for a planar pose, 6 for a pose in space.
     """
     x, y, yaw = motion
     by_both = (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
@@ -225,13 +231,13 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int
 
 
 class RelativeCovariances(Protocol):
-    """A source of the covariance of one pose of a trajectory relative to another pose of the same trajectory."""
+    """Computes the covariance of one pose of a trajectory relative to another pose of the same trajectory."""
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Computes the covariance of the second pose of each pair relative to the first.
+        """Computes the covariance of the second pose of each pair relative to the first pose.
 
         Args:
-            pairs: numbers of K pairs of poses.
+            pairs: numbers (first, second) of K pairs of poses.
 
         Returns:
             (K, 3, 3) covariances in the frame of the second pose [m, m, rad]; None where they cannot be computed.
@@ -240,13 +246,13 @@ class RelativeCovariances(Protocol):
 
 @dataclass(frozen=True)
 class GraphCovariances:
-    """Relative covariances of a trajectory whose graph is known; they are exact.
+    """Computes exact relative covariances of a trajectory from its graph.
 
     Args:
         graph: the graph; the trajectory is its optimum.
         values: the optimised values.
         numbers: (S,) number of each pose in the graph.
-        poses: (S, 3) poses of the trajectory [m, m, rad].
+        poses: (S, 3) poses of the trajectory [m, m, rad], in any fixed frame.
     """
 
     graph: PoseGraph
@@ -255,7 +261,7 @@ class GraphCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Computes the relative covariances of pairs of poses from the graph, as `RelativeCovariances` says."""
+        """Computes the covariances (K, 3, 3) of the second pose of each pair, as `RelativeCovariances.relate` does."""
         inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
         try:
             covariances = Uncertainty(self.graph, self.values).relate(inside)
@@ -268,11 +274,11 @@ class GraphCovariances:
 
 @dataclass(frozen=True)
 class SingleCovariances:
-    """Relative covariances of a trajectory for which only the marginal covariance of each pose is known; they are too large.
+    """Estimates relative covariances of a trajectory if only the marginal covariance of each pose is known.
 
-    The correlation of two poses is unknown, and their errors are taken as independent. In truth both errors have grown from
-    the same first pose, and the error of the relative pose is smaller. The trajectory is thus never taken to be more
-    accurate than it states.
+    The errors of two poses are taken as independent, since their correlation is not known. In truth both errors have grown
+    from the same first pose, so that the relative pose has a smaller error. The relative covariances are therefore too
+    large, and the trajectory is never taken to be more accurate than it states.
 
     Args:
         covariances: (S, 3, 3) marginal covariance of each pose in the pose's own frame [m, m, rad].
@@ -283,7 +289,7 @@ class SingleCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Computes the relative covariances of pairs of poses with independent errors, as `RelativeCovariances` says."""
+        """Computes the covariances (K, 3, 3) of the second pose of each pair, as `RelativeCovariances.relate` does."""
         related = []
         for a, b in pairs:
             lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))

@@ -1,4 +1,4 @@
-"""The stage of a run in which the front end measures the motions between scans; they are stored and shown as they come."""
+"""Runs the front end, which measures the motions between successive scans; stores the motions and shows them live."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
     Args:
         scans: scans of the recording.
         config: all settings.
-        runner: does the work, and may hold the measurements of an earlier run.
+        runner: does the work, and may have stored the measurements of an earlier run.
     """
     with runner.time_stage("windows"):
         kept = runner.find(MEASURED)
@@ -39,17 +39,18 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
 
 
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> list[Measurement]:
-    """Returns a front end's motions between successive scans, or the motions that an earlier run has stored.
+    """Returns the motions between successive scans that a front end measures, or that an earlier run has stored.
 
-    If the front end does not find all motions, it measures all of them a second time: without the odometry if the odometry
-    contradicts the motions that were found, and with the gyroscope if the gyroscope agrees with them.
+    If some motions do not have the status CONVERGED, the front end may measure all motions a second time: without the
+    odometry if the odometry contradicts the converged motions, and with the gyroscope's yaw rates if the gyroscope agrees
+    with the converged motions. If neither condition holds, there is no second time.
 
     Args:
         name: name of the front end.
         scans: scans of the recording.
-        context: what the front end may know besides the scans.
+        context: what the front end may use besides the scans.
         beam: the sensor's errors, for the live view of the growing map.
-        runner: stores the motions and shows them.
+        runner: stores the motions, reports progress and holds the live view's watch.
 
     Raises:
         EstimationError: no motion can be estimated from the data.
@@ -72,7 +73,10 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 
 
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
-    """Returns the odometry of the context, or None if it contradicts the motions that the front end found itself."""
+    """Returns the odometry of the context; None if there is none, or if it contradicts the converged motions.
+
+    The odometry is always kept if it is itself the front end.
+    """
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
         return odometry
@@ -80,7 +84,7 @@ def _drop_contrary(name: str, context: Context, measurements: Sequence[Measureme
 
 
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
-    """Returns the radar's turning by the gyroscope, if the gyroscope agrees and the front end can use it; else None."""
+    """Returns the radar's yaw rates by a gyroscope; None if no gyroscope agrees, or if the front end cannot use one."""
     gyroscope = context.sensors.gyroscope
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
@@ -89,15 +93,15 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
 
 
 class LiveMap:
-    """The live view of a run: it reports each motion as progress, and passes the scan at the motion's start to the watch.
+    """The live view of a run. Each motion is reported as progress, and the scan at its start is passed to the watch.
 
-    The watch is the user's function that shows scans. If it fails, it is not called again: the run goes on, and a warning
-    says so.
+    The watch is the user's function that shows scans. If the watch fails, it is not called again, the run goes on, and a
+    warning states the failure.
 
     Args:
         scans: scans of the recording.
-        beam: the sensor model.
-        runner: holds the watch, if there is one.
+        beam: the sensor's errors.
+        runner: holds the watch, if there is one, and receives the progress.
     """
 
     def __init__(self, scans: Scans, beam: Beam, runner: Runner) -> None:
@@ -106,14 +110,14 @@ class LiveMap:
         self._shown = 0
 
     def follow(self, motions: Iterable[Measurement]) -> Iterator[Measurement]:
-        """Yields the motions between successive scans, and shows the motions that the front end has not shown itself."""
+        """Yields the given motions between successive scans, and shows each one that the front end has not shown already."""
         for number, motion in enumerate(motions, 1):
             if number > self._shown:
                 self.show(motion)
             yield motion
 
     def show(self, motion: Measurement) -> None:
-        """Shows the next motion between successive scans, which the front end may still improve afterwards."""
+        """Shows the next motion between successive scans. The front end may still improve this motion afterwards."""
         scan, after = self._scans[self._shown], se2.compose(self._pose, motion.pose)
         if self._watch is not None:
             working, self._watch = self._watch, None
