@@ -1,4 +1,4 @@
-"""The pose graph: poses of scans, and of the submaps in which the scans were measured, optimised by GTSAM."""
+"""Builds the pose graph, whose variables are the poses of scans and submaps, and optimises it by GTSAM."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from mqslam.factors.between import CAUCHY, hold_firmly, measure_loop_offset, pri
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
 _ITERATIONS: Final = 100  # largest number of iterations; the optimiser converges in far fewer
 
-# A loop is as good as left out if its offset is more than this many times CAUCHY, beyond which its pull becomes weaker.
+# A loop hardly influences the optimum if its residual is larger than this many times CAUCHY: Cauchy's loss makes the pull of
+# a residual above CAUCHY weaker, the larger the residual is.
 _LEFT_OUT = 3.0
 
 
@@ -27,8 +28,8 @@ class PoseGraph:
     """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the starting values of these poses.
 
     Args:
-        factors: the GTSAM graph, its prior on x0 included.
-        initial: starting values.
+        factors: the GTSAM graph, which includes the prior on x0.
+        initial: starting values of all variables.
         size: number of scans n.
         key: returns the key of a scan, given its number; by default x0 .. x(n-1).
         scale_sigma: standard deviation of the relative error that all distances of the radar have in common. It does not
@@ -42,7 +43,7 @@ class PoseGraph:
     scale_sigma: float = 0.0
 
     def poses_at(self, values: gtsam.Values) -> se2.Array:
-        """Returns the poses (n, 3) of the scans in values of the graph, as `poses_of` does."""
+        """Returns the poses (n, 3) of the scans in values of the graph's variables: x [m], y [m], unwrapped yaw [rad]."""
         return poses_of(values, self.size, self.key)
 
 
@@ -76,8 +77,9 @@ def build_pose_graph(
 
     Args:
         initial: (n, 3) starting values of the poses of scans, x [m], y [m], yaw [rad].
-        between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
-        submaps: m starting values (3,) of the poses of submaps.
+        between: factors over keys X(0) .. X(n-1) of scans, M(0) .. M(m-1) of submaps and keys of other variables. The
+            starting values of other variables must be inserted into the graph's `initial` afterwards.
+        submaps: m starting values (3,) of the poses of submaps [m, m, rad].
         scale_sigma: standard deviation of the relative error that all measured distances have in common.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -92,11 +94,12 @@ def build_pose_graph(
 
 
 def optimise(graph: PoseGraph) -> Optimum:
-    """Minimises the graph's error by Levenberg-Marquardt.
+    """Minimises the graph's error by Levenberg-Marquardt; if this fails, the result has the starting values and the reason.
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
-    far from the optimum.
+    far from the optimum. If a loop ends with hardly any influence, the graph is first optimised with Huber's loss for loops,
+    and then again from there. The better one of the two optima is returned.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)
@@ -117,12 +120,12 @@ def optimise(graph: PoseGraph) -> Optimum:
 
 
 def _leaves_loops_out(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> bool:
-    """Returns whether some loop is so far off that it has hardly any pull."""
+    """Returns whether the residual of some loop is so large that the loop hardly influences the optimum."""
     return any(measure_loop_offset(factors.at(k), values) > _LEFT_OUT * CAUCHY for k in range(factors.size()))
 
 
 def _pull_firmly(factors: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph:
-    """Returns the factors with Huber's loss for loops, with which a loop far off pulls as strongly as a nearer one."""
+    """Returns the factors with Huber's loss for loops: the pull of a loop then does not fall as its residual grows."""
     firm = gtsam.NonlinearFactorGraph()
     for k in range(factors.size()):
         firm.push_back(hold_firmly(factors.at(k)))
@@ -147,12 +150,18 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
 
 
 def scale_graph(graph: PoseGraph, factor: float) -> PoseGraph:
-    """Multiplies the lengths of a graph of planar poses by a factor; its optimum is scaled with it."""
+    """Returns a graph of planar poses, without `scale_sigma`, in which all lengths are multiplied by a factor.
+
+    The lengths of the optimum are multiplied by the same factor.
+
+    Raises:
+        TypeError: a factor is neither a between-factor nor a prior of planar poses.
+    """
     return PoseGraph(scale_factors(graph.factors, factor), scale_values(graph.initial, factor), graph.size, graph.key)
 
 
 def scale_values(values: gtsam.Values, factor: float) -> gtsam.Values:
-    """Multiplies the lengths of planar poses by a factor."""
+    """Returns planar poses with x and y multiplied by a factor."""
     scaled = gtsam.Values()
     for key in values.keys():
         scaled.insert(key, gtsam.Pose2(*scale_vector(values.atPose2(key), factor)))

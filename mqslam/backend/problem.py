@@ -1,4 +1,4 @@
-"""Builds the pose graph. Measurements, odometry and sensors are in it from the start; loops and ties are added later."""
+"""Builds the pose graph from measurements, odometry and other sensors; loops and the refinement's ties can be added."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GraphProblem(ABC):
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and with the given ties, which the refinement has measured."""
+        """Returns the graph with the given loops, and with the given ties, which the refinement has measured."""
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""
@@ -36,16 +36,16 @@ class GraphProblem(ABC):
         return graph, optimise(graph)
 
     def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> se2.Array:
-        """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
+        """Returns the poses (N, 3) of the scans, optimised with the given loops and ties [m, m, rad]."""
         graph, optimum = self.optimise(loops, ties)
         return graph.poses_at(optimum.values)
 
     def estimate_own_covariances(self) -> NDArray[np.float64]:
         """Estimates the covariance (N, 3, 3) of each scan's own pose error, without drift, in the scan's frame [m, m, rad].
 
-        The estimate is half of the covariance of the scan's pose relative to a neighbouring scan, since both scans err. The
-        neighbour is the scan before or the scan after, whichever gives the smaller covariance: in a graph of submaps, the
-        drift of the map lies between some successive scans and not between others.
+        The estimate is half of the covariance of the scan's pose relative to a neighbouring scan, since both scans
+        contribute errors. The neighbour is the scan before or the scan after, whichever gives the smaller covariance: in a
+        graph of submaps, the drift of the map lies between some successive scans and not between others.
 
         Raises:
             EstimationError: the graph does not determine the covariances.
@@ -90,7 +90,7 @@ class Problem(GraphProblem):
         return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
-        """Returns the factors of the front end's motions and of odometry, without loops and without other sensors.
+        """Returns the factors of the front end's motions and of the odometry's motions, without loops and other sensors.
 
         Args:
             scan: returns the key of a scan, given its number.
@@ -105,7 +105,8 @@ class Problem(GraphProblem):
     def list_statements(self) -> list[Measurement]:
         """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        A motion in a submap, or between submaps, has the status, psi and counts of the front end's motion to the same scan.
+        A factor from a submap to a scan, or between two submaps, has the status, psi and number of returns of the front
+        end's motion that ends at the later scan, or at the first scan of the later submap.
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
@@ -128,7 +129,7 @@ class Problem(GraphProblem):
 
     @cached_property
     def submaps(self) -> Submaps:
-        """The submaps of the drive, with ties whose covariances are adapted to the drift that the run shows."""
+        """The submaps of the drive; the covariances of the ties between them are adapted to the drift that the run shows."""
         return widen_ties(split_into_submaps(self.measurements), self.measurements)
 
     @property
@@ -138,7 +139,7 @@ class Problem(GraphProblem):
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
     def _list_apart(self) -> list[tuple[int, Measurement]]:
-        """Returns the motions that belong to no submap, each with the number of the scan that it starts at."""
+        """Returns the motions that belong to no submap, each after the number of the scan at which the motion starts."""
         return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]
 
 
@@ -167,11 +168,11 @@ class GivenGraph(GraphProblem):
         return PoseGraph(factors, self.values, len(self.keys), self.keys.__getitem__)
 
     def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
-        """Returns a factor between poses of the graph for each loop."""
+        """Returns one factor for each loop, between the poses of the graph that belong to the loop's scans."""
         return [self.lift(loop_between(self.keys[loop.earlier], self.keys[loop.later], loop)) for loop in loops]
 
     def make_tie_factors(self, ties: Sequence[Tie]) -> list[gtsam.NonlinearFactor]:
-        """Returns a factor between poses of the graph for each tie."""
+        """Returns one factor for each tie, between the poses of the graph that belong to the tie's scans."""
         keys = self.keys
         return [self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance)) for tie in ties]
 

@@ -1,10 +1,11 @@
 """Estimates the scale of the radar's ranges and its uncertainty, from the stated bin length, psi and other sensors.
 
-psi does not show the scale: bins that are longer than stated stretch map and motion alike. Before other sensors are used,
-the uncertainty of the scale has two sources. The length of a bin is stated to a few digits, or assumed from the format of
-the recording. And psi measures the range offset, whose error changes all lengths by a share that each recording shows. GNSS
-fixes measure lengths, and so does odometry, with the relative error `odometry.sigma_travel`. If these sensors contradict the
-radar's scale, the ranges are multiplied by a factor. Otherwise the ranges stay as they are.
+psi does not show the scale: if the range bins are longer than stated, the map and all motions grow by the same factor.
+Before other sensors are used, the uncertainty of the scale has two sources. The first is the length of a bin, which is
+stated to a few digits, or assumed from the format of the recording. The second is the range offset, a constant error of all
+ranges. psi measures the offset, and the error that remains changes all lengths by a share that depends on the recording.
+GNSS fixes measure lengths, and so does odometry, with the relative error `odometry.sigma_travel`. If these sensors
+contradict the radar's scale, the ranges are multiplied by a factor. Otherwise the ranges stay as they are.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from mqslam.core.measurement import Measurement
 from mqslam.execution.runner import Runner
 from mqslam.psi.ranging import RangeErrors
 
-# Standard deviation of the relative error of a stated bin length: three or four digits are usual.
+# Standard deviation of the relative error of a stated bin length, which usually has three or four digits.
 STATED: Final = 0.0005
 # Standard deviation of the relative error of an assumed bin length: the lengths published for Navtech's radars differ by up
 # to 1.4 % (0.0432 and 0.0438 m).
 ASSUMED: Final = 0.005
-# Standard deviation of the relative error if only other sensors show the scale; a larger error would be a wrong unit.
+# Prior standard deviation of the scale's relative error without odometry; a larger error would be a wrong unit.
 UNKNOWN: Final = 0.05
 # Standard deviation of the range offset [m] where psi does not measure it: Navtech's radars have -0.3 m.
 _OFFSET_M: Final = 0.3
 # Relative change of lengths per metre of the offset [1/m] where psi does not measure it: 0.01 to 0.03 in streets.
 _LENGTHENING: Final = 0.02
-# Other sensors contradict the radar's scale from this many standard deviations.
+# Other sensors contradict the radar's scale if they differ by more than this many standard deviations.
 _CONTRADICTION: Final = 3.0
-_ROUNDS: Final = 2  # rounds in which other sensors are added at the scale that they have shown so far; two suffice
+_ROUNDS: Final = 2  # rounds in which the scale is measured again at the scale that was measured so far; two suffice
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class RangeScale:
     Args:
         factor: factor by which the recording's ranges are multiplied; 1 if no other sensor contradicts them.
         sigma: standard deviation of the factor.
-        prior: standard deviation of the factor without the sensors in the graph; the graph computes covariances with it.
+        prior: standard deviation of the factor before the sensors in the graph show it; the covariances of the graph use it.
         statements: sentences for the user.
     """
 
@@ -57,10 +58,10 @@ class RangeScale:
 
     @classmethod
     def beforehand(cls, is_assumed: bool, errors: RangeErrors | None) -> RangeScale:
-        """Returns a scale of 1 with its uncertainty before other sensors are used.
+        """Returns a scale of 1 with the uncertainty that it has before other sensors are used.
 
         Args:
-            is_assumed: whether the length of a range bin is assumed and not stated by the recording or the settings.
+            is_assumed: whether the length of a range bin is assumed, and not stated by the recording or the settings.
             errors: errors of the ranges as psi shows them; None if psi does not show them.
         """
         bins = ASSUMED if is_assumed else STATED
@@ -81,11 +82,11 @@ class RangeScale:
         )
 
     def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
-        """Returns the scale that other sensors show if it contradicts this scale, else this scale.
+        """Returns the scale that other sensors show if their scale contradicts this scale; else returns this scale.
 
         Args:
-            shown: the scale error that other sensors still show once the ranges are multiplied by the factor.
-            factor: the factor by which other sensors scale the ranges.
+            shown: the scale error that other sensors still show after the ranges have been multiplied by the factor.
+            factor: the factor by which other sensors multiply the ranges.
         """
         if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):
             return self
@@ -99,13 +100,14 @@ class RangeScale:
 
 @dataclass(frozen=True, slots=True)
 class ShownScale:
-    """The error of the scale of the radar's ranges, as other sensors show it.
+    """The relative error of the radar's ranges, as other sensors show it.
 
     Args:
         sensors: names of the sensors.
-        error: true length over the radar's length, minus 1.
+        error: true length divided by the radar's length, minus 1.
         sigma: standard deviation of the error.
-        trust: standard deviation of the error from odometry alone, whose lengths are not in the graph.
+        trust: standard deviation of the error by odometry alone, or UNKNOWN without odometry. The graph takes it as a prior,
+            because the odometry in the graph was scaled to fit the radar and shows no error.
     """
 
     sensors: str
@@ -115,7 +117,7 @@ class ShownScale:
 
     @classmethod
     def by(cls, joined: Joined, sigma_travel: float) -> ShownScale | None:
-        """Returns the error that other sensors show; None if none of them measures lengths.
+        """Returns the error that other sensors show; None if no other sensor measures lengths.
 
         Args:
             joined: the trajectory, with the other sensors in its graph.
@@ -156,10 +158,13 @@ def join_at_scale(
     """Adds other sensors to the radar's graph, and scales the radar's distances if these sensors contradict its scale.
 
     Args:
-        join: adds the sensors to the radar's motions, whose distances it first multiplies by a given factor.
+        join: adds the sensors to the radar's motions, after multiplying the distances of these motions by a given factor.
         scale: the scale before other sensors are used.
         settings: settings of the odometry.
-        runner: tolerates that the sensors cannot show the scale.
+        runner: turns a failure of the comparison into a warning; the scale then stays as it is.
+
+    Returns:
+        The trajectory with the other sensors in its graph, and the scale of the ranges.
     """
     joined = join(1.0)
     with runner.tolerate("the scale of the ranges by other sensors"):
@@ -179,7 +184,10 @@ def join_at_scale(
 def _compare_odometry(
     motions: Sequence[Measurement], odometry: Sequence[Measurement], sigma_travel: float
 ) -> tuple[float, float]:
-    """Returns odometry's travel divided by the radar's, minus 1, and the standard deviation of this error of the scale."""
+    """Returns odometry's travel divided by the radar's travel, minus 1, and the standard deviation of this relative error.
+
+    Returns 0 and UNKNOWN if there is no odometry or no travel, or if the odometry's travel is too inaccurate.
+    """
     pairs = [(seen.pose[:2], said.pose[:2]) for seen, said in zip(motions, odometry, strict=False) if seen.on_map]
     if sigma_travel >= UNKNOWN or not pairs:
         return 0.0, UNKNOWN

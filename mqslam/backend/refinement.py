@@ -1,15 +1,15 @@
 """The refinement: once the loops are closed, psi registers every scan of a later pass on the earlier passes.
 
-A loop registers one short submap on another, and both submaps are as bent as the chained motions are. Here every scan is
-rendered anew at the pose that it has once the loops are closed, and registered among the returns of all earlier passes,
-which are held fixed. The result becomes a factor between the scan and the nearest scan of the earlier passes. The graph is
+A loop registers one short submap on another one. Errors of the motions between the scans of a submap bend the submap. Here
+every scan is rendered by itself, at its pose with the loops, and registered among the returns of all earlier passes, which
+do not move. The result becomes a tie: a factor between the scan and the nearest scan of the earlier passes. The graph is
 solved again, and the scans are registered once more at their new poses.
 
-Only passes that a loop ties are registered: the refinement makes loops more accurate and does not find new ones. Its factors
-replace these loops, since a factor and the loop that it replaces are measured from the same returns.
+Only passes that a loop connects are registered: the refinement makes loops more accurate and does not find new ones. A tie
+replaces the loops near it, since both are measured from the same returns.
 
-psi of a whole map depends mostly on neighbours in time, and hardly shows whether two passes of a place lie on each other.
-psi across passes does show this: it is the score of one pass against the points of other passes alone.
+psi of a whole map depends mostly on returns that follow each other within seconds, and hardly shows whether two passes of a
+place lie on each other. psi across passes shows this: every pass is scored only against the points of other passes.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ SAMPLE_M = 20.0
 """Path [m] between the scans at which psi across passes is measured for the summary."""
 # Largest distance [m] between scans of two passes that are compared.
 _REACH_M = 25.0
-# Path [m] between the scans of the earlier passes, on which later scans are registered.
+# Path [m] between those scans of the earlier passes on which later scans are registered.
 _SPACING_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A place that was passed several times: successive scans of one pass, and scans of earlier passes nearby.
+    """A place that was passed several times, with successive scans of one pass and nearby scans of earlier passes.
 
     Args:
-        later: indices of the scans of the later pass.
-        earlier: indices of the scans of the earlier passes.
+        later: (K,) numbers of the scans of the later pass.
+        earlier: (M,) numbers of the scans of the earlier passes.
     """
 
     later: NDArray[np.int64]
@@ -64,7 +64,7 @@ class Crossing:
 
 
 def find_crossings(drive: TrackedRun, spacing_m: float, least_path_m: float) -> list[Crossing]:
-    """Finds the stretches of a drive's path near which the drive has been before.
+    """Finds the stretches of a drive's path that lie near earlier parts of the path.
 
     Later passes are compared with earlier ones only, so that no two returns are compared twice.
 
@@ -95,8 +95,8 @@ def measure_psi_across(
 
     Args:
         drive: scans under the trajectory that is measured.
-        crossings: places where psi is measured. They may have been found under another trajectory, so that two trajectories
-            can be compared at the same places.
+        crossings: places where psi is measured. They may be found under another trajectory, so that two trajectories are
+            compared at the same places.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: engine that scores the points; the result does not depend on it.
@@ -107,13 +107,13 @@ def measure_psi_across(
 
 
 def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
-    """Renders the returns of some scans of a drive in the world frame."""
+    """Renders the returns of the scans with the given numbers, in the frame of the drive's poses."""
     returns = Returns.concatenate([drive.scans[k].returns for k in scans])
     return place_along(returns, drive.times, drive.poses, beam)
 
 
 def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
-    """Returns psi of a crossing's later returns among its earlier returns, and the number of the later returns."""
+    """Returns psi of a crossing's later returns among its earlier returns (a sum), and the number of the later returns."""
     drive, estimator, beam = shared
     earlier = make_references(render_scans(drive, crossing.earlier, beam))
     later = render_scans(drive, crossing.later, beam)
@@ -126,8 +126,8 @@ EVERY_SCAN_M: Final = 1e-3
 _ASIDE_M = 0.5
 # The rounds end once no scan moves relative to the earlier pass by more than this many standard deviations.
 _SETTLED = 0.1
-_FIRST_STEP: Final = 2  # step at which the annealing begins: the loops leave the passes nearer than its first widths
-_SHARED: Final = 2.0  # factor on a scan's covariance, since the earlier pass's returns have errors as large as the scan's
+_FIRST_STEP: Final = 2  # annealing step to begin with: with the loops, passes lie nearer than the widths of earlier steps
+_SHARED: Final = 2.0  # factor on a scan's covariance, since the returns of the earlier pass have errors of the same size
 
 _log = logging.getLogger(__name__)
 
@@ -159,7 +159,10 @@ def refine(
     beam: Beam,
     runner: Runner,
 ) -> Refined:
-    """Refines a trajectory by registering its passes on each other, until psi across passes would increase.
+    """Refines a trajectory by registering later passes on earlier ones, in rounds.
+
+    The rounds end when psi across passes would increase (the last round is then dropped), when the scans hardly move any
+    more, when no scan can be registered, or when the largest number of rounds is reached.
 
     Args:
         before: the trajectory before optimisation, whose psi across passes is measured for comparison.
@@ -204,13 +207,13 @@ def refine(
 
 
 def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
-    """Returns the crossings whose passes a loop ties, reduced to the earlier scans that a loop ties to the later pass.
+    """Returns the crossings whose passes a loop connects, without earlier scans that no loop connects with the later pass.
 
     Args:
         crossings: places that were passed several times.
         drive: scans under a trajectory.
         loops: loops in the graph of the trajectory.
-        reach_m: path [m] along both passes within which a loop ties their scans.
+        reach_m: a loop connects two scans if each lies within this path [m] from a scan of the loop.
     """
     tied = cKDTree([(drive.travelled[loop.earlier], drive.travelled[loop.later]) for loop in loops])
     selected = []
@@ -224,11 +227,13 @@ def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequenc
 
 
 def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64]) -> list[Loop]:
-    """Returns the loops that the refinement does not replace: none of its factors was measured from their returns.
+    """Returns the loops that no tie replaces. A tie replaces a loop if both were measured from the same returns.
+
+    This is the case if the path from the loop's scans to the tie's scans is at most SUBMAP_M, along both passes.
 
     Args:
         loops: loops in the graph of the trajectory.
-        ties: factors of the refinement.
+        ties: ties of the refinement.
         travelled: (N,) length of the path up to each scan [m].
     """
     ends = cKDTree([(travelled[tie.earlier], travelled[tie.later]) for tie in ties])
@@ -237,7 +242,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 
 
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
-    """Registers the scans of a crossing's later pass on the earlier passes; returns a factor for each that fits well."""
+    """Registers the scans of a crossing's later pass on the earlier passes; returns a tie for each scan that fits well."""
     drive, beam = setting.drive, setting.beam
     references = make_references(render_scans(drive, crossing.earlier, beam))
     tree = cKDTree(drive.poses[crossing.earlier, :2])
@@ -251,7 +256,10 @@ def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
 
 
 def _measure_scan(setting: _Setting, references: References, anchor: int, later: int) -> Loop | None:
-    """Registers a scan among the references; returns a factor to the scan `anchor`, or None if the scan fits badly."""
+    """Registers a scan among the references; returns a tie to the scan `anchor`, or None if the scan does not fit well.
+
+    The references are returns of earlier passes, and `anchor` and `later` are the numbers of the earlier and the later scan.
+    """
     drive, estimator, guess = setting.drive, setting.estimator, setting.drive.poses[later]
     scan = move_rigidly(render_scans(drive, [later], setting.beam), se2.inverse(guess))
     if len(scan) == 0:
@@ -268,7 +276,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
-    # the scan was registered on all scans of the earlier passes, but the factor ties it to one, whose own error is added
+    # The scan was registered on many scans of the earlier passes, but the tie names only `anchor`: its own error is added.
     lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,
@@ -281,7 +289,10 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
 
 
 def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array) -> bool:
-    """Returns whether every tie's later scan moved relative to its earlier one by less than _SETTLED standard deviations."""
+    """Returns whether every tie's later scan moved relative to its earlier scan by less than _SETTLED standard deviations.
+
+    `before` and `after` are the poses (N, 3) of all scans before and after a round [m, m, rad].
+    """
     earlier, later = np.array([(tie.earlier, tie.later) for tie in ties]).T
     moved = se2.between(after[earlier], after[later]) - se2.between(before[earlier], before[later])
     moved[:, 2] = se2.wrap(moved[:, 2])

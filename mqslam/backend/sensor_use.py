@@ -28,7 +28,7 @@ _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """How far a sensor moves the trajectory, compared with the trajectory that is optimised without the sensor.
+    """How far a sensor moves the trajectory: the difference of the trajectories optimised with and without the sensor.
 
     Args:
         moved_m: RMS distance [m] of the poses from the poses without the sensor, after alignment.
@@ -53,10 +53,11 @@ class SensorUse:
     Args:
         gyroscope: use of the gyroscope.
         fixes: use of the GNSS receiver.
-        velocities: use of the velocities that chirps measure.
+        velocities: use of the velocities that the radar's chirps measure.
         mount: where the radar sits on the vehicle; None if nothing is known about the mount.
         odometry: why odometry is not used; None if odometry is used, or if there is no odometry.
-        contributions: how far each used sensor moves the trajectory, by the name of the sensor; empty until it is measured.
+        contributions: how far each used sensor moves the trajectory, by the sensor's name in `Problem.sensors`; empty until
+            `weigh` fills it.
     """
 
     gyroscope: GyroscopeUse | None = None
@@ -68,7 +69,7 @@ class SensorUse:
 
     @property
     def opposite(self) -> list[str]:
-        """Names of the sensors that turn the other way than the radar, if they are two or more and the majority; else empty.
+        """Names of the sensors that turn the other way than the radar; empty unless they are at least two and the majority.
 
         A gyroscope that is mounted on its side does not show which way the vehicle turns, and is left out.
         """
@@ -101,12 +102,12 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Measures how far each used sensor moves the trajectory, by optimising without the sensor; fills `contributions`.
+        """Returns the same use with `contributions`, for which the trajectory is optimised again without each used sensor.
 
         Args:
             problem: the trajectory with all sensors.
             refined: loops and ties of the trajectory.
-            poses: (N, 3) poses optimised with all sensors.
+            poses: (N, 3) poses optimised with all sensors [m, m, rad].
         """
         contributions = {}
         for left_out in (name for name in _SUBJECTS if name in problem.sensors):
@@ -131,10 +132,10 @@ def join_sensors(
         problem: the trajectory with the motions of the front end and of odometry.
         odometry: motions of odometry before calibration; empty if there is no odometry.
         sensors: sensors of the recording.
-        velocities: velocities that the radar's chirps measured, or None.
+        velocities: velocities of the radar that its chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
         settings: settings of the odometry.
-        fault: why odometry is not used; None if it is used.
+        fault: why odometry is not used; None if odometry is used or missing.
 
     Returns:
         The problem with the sensors that agree, and the use of all sensors.
@@ -163,7 +164,7 @@ def join_sensors(
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:
-    """Returns by how much poses (N, 3) differ from other poses (N, 3), after alignment."""
+    """Compares poses (N, 3) with other poses (N, 3) [m, m, rad], which are first aligned with them."""
     aligned = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
     turns = (track[-1, 2] - track[0, 2] for track in (poses, others))
     return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - aligned) ** 2, axis=1)))), float(np.subtract(*turns)))

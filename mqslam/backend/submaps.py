@@ -2,13 +2,14 @@
 
 A front end that matches scans to a running map makes two kinds of errors. Each scan's pose in the map has an error of its
 own; such errors do not add up along the drive. The map itself drifts as it grows; this error does add up. The graph
-therefore holds a pose for each piece of the map. Scans are tied to their piece with their own covariance, and each piece is
-tied to the piece before it. A piece ends where the map takes its next keyframe, which brings the error of its own scan into
-the map.
+therefore holds one pose for each submap, a piece of the map. A factor (a tie) connects each scan with its submap and has the
+scan's own covariance. Another tie connects each submap with the submap before it. A submap ends where the map takes its next
+keyframe, which brings the error of the keyframe's scan into the map.
 
-If the errors of scans were independent, the next piece would be off by the error of its first scan alone. In truth a scan
-may correct or repeat the error of the scan before it. Where a recording was tracked both forward and backward, the two maps
-drift apart along the way. This shows how much more or less a map drifts than independent errors would explain.
+If the errors of scans were independent, each submap would be off from the submap before it by the error of its first scan
+alone. In truth a scan may correct or repeat the error of the scan before it. Where a recording was tracked both forward and
+backward in time, the two maps drift apart along the way. This shows how much more or less a map drifts than independent
+errors would explain.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Tie
 from mqslam.core.statistics import cut_gross
 
-# Path [m] along which scans are taken to be matched to the same map. After this path the map has taken another keyframe,
-# which brings in the error of a scan.
+# Distance [m] from a submap's first scan at which the next submap begins. By then the map has taken another keyframe, which
+# brings in the error of the keyframe's scan.
 _SUBMAP_M = 4.0
 _LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an exact scan from being singular
 
@@ -49,8 +50,8 @@ class Submaps:
 def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     """Splits a drive into submaps.
 
-    A motion between two scans that were not matched to the same map belongs to no submap: the graph ties these two scans to
-    each other directly.
+    A motion between two scans that were not matched to the same map (`Measurement.on_map`) belongs to no submap. The graph
+    connects these two scans directly.
 
     Args:
         measurements: motions between successive scans.
@@ -59,7 +60,7 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     first_scans: list[int] = []
     placements: list[Tie] = []
     ties: list[Tie] = []
-    within = np.zeros(3)  # pose of the scan in the present submap
+    within = np.zeros(3)  # pose of scan k in the present submap
     for k, covariance in enumerate(errors):
         if covariance is None:
             continue
@@ -78,9 +79,10 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
 
 
 def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.float64] | None]:
-    """Estimates the covariance (3, 3) of each scan's pose in the map, in the scan's frame; None for an unmatched scan.
+    """Estimates the covariance (3, 3) [m, m, rad] of each scan's pose in the map, in the scan's frame.
 
-    The covariance of a motion is the sum of the covariances of its two ends, so that each end has half of it.
+    The covariance is None for a scan that was not matched to a map. The covariance of a motion is the sum of the covariances
+    of the two scans at its ends, so each scan gets half of it. A scan between two motions gets the mean of the two halves.
     """
     ends: list[list[NDArray[np.float64]]] = [[] for _ in range(len(measurements) + 1)]
     for k, motion in enumerate(measurements):
@@ -93,11 +95,11 @@ def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.flo
 
 # Number of successive submaps over which both directions of time are compared to learn how a map drifts.
 _DRIFT_SUBMAPS = 16
-# Weight of the prior assumption that a map drifts only by the independent errors of its scans: it counts as much as this
-# many spans of _DRIFT_SUBMAPS submaps.
+# Weight of the prior assumption that a map drifts only by the independent errors of its scans. The assumption counts as much
+# as this many spans of _DRIFT_SUBMAPS submaps.
 _DRIFT_TRUSTED = 2.0
-# Squared differences over these spans are limited to this many times their median: one misplaced scan shows nothing about
-# the other scans.
+# Squared differences over these spans are limited to this many times their median, so that one misplaced scan has little
+# influence.
 _DRIFT_GROSS = 20.0
 
 
@@ -105,7 +107,7 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
     """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
 
     Args:
-        submaps: submaps of the drive; each tie has the covariance of the first scan of its later submap.
+        submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.
         measurements: the motions between successive scans.
     """
     factors = learn_drift(submaps, measurements)
@@ -114,10 +116,12 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
 
 
 def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArray[np.float64]:
-    """Estimates the likeliest factors (3,) on the variances of the ties between submaps, in x, y and yaw.
+    """Estimates the likeliest factors (3,) on the variances in x, y and yaw of the ties between submaps.
+
+    All factors are 1 if no span of submaps was tracked in both directions of time.
 
     Args:
-        submaps: submaps of the drive; each tie has the covariance of the first scan of its later submap.
+        submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.
         measurements: the motions between successive scans.
     """
     by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)
@@ -126,7 +130,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     seen = cut_gross(seen, _DRIFT_GROSS)
 
     def cost(logs: NDArray[np.float64]) -> float:
-        """Returns the negative log-likelihood of factors, with the prior's part, given their logarithms (3,)."""
+        """Returns the negative log-likelihood of factors plus the cost of the prior, given the factors' logarithms (3,)."""
         variances = by_ends + by_ties @ np.exp(logs)
         rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # each submap is part of _DRIFT_SUBMAPS spans
         return float(rows + _DRIFT_TRUSTED * np.sum(logs + np.exp(-logs)))
@@ -137,12 +141,12 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
 def _sum_spans(
     submaps: Submaps, measurements: Sequence[Measurement], length: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compares both directions of time over spans of `length` successive submaps that were tracked in both.
+    """Compares both directions of time over spans of `length` successive submaps that were tracked in both directions.
 
     Returns:
-        Variances of x, y and yaw at the end of each of K overlapping spans: (K, 3, 3) expected from the ties, where the
-        three columns are the parts from the ties' errors in x, y and yaw; (K, 3) expected from the scans at both ends; and
-        (K, 3) observed, as the squared error of the mean of both directions.
+        Variances of x, y and yaw [m^2, m^2, rad^2] at the ends of K overlapping spans: (K, 3, 3) expected from the ties,
+        with one column for each of the ties' errors in x, y and yaw; (K, 3) expected from the scans at both ends of a span;
+        and (K, 3) observed, as the squared errors of the mean of both directions.
     """
     poses = se2.chain(m.pose for m in measurements)
     half = [np.where(np.isfinite(m.apart), 0.5 * m.apart, 0.0) for m in measurements]
@@ -168,12 +172,12 @@ def _sum_spans(
 
 
 def _carry(covariances: NDArray[np.float64], yaws: NDArray[np.float64], to_end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the variances (N, 3, 3) of x, y, yaw at the end of a path (rows) from errors in x, y, yaw along it (columns).
+    """Returns the variances (N, 3, 3) of x, y, yaw at the end of a path (rows) by errors in x, y, yaw on the path (columns).
 
     Args:
-        covariances: (N, 3, 3) covariances of the errors, each in its own frame.
-        yaws: (N,) yaws of these frames in the frame of the result.
-        to_end: (N, 3) difference of the end's pose and each error's pose, in the frame of the result.
+        covariances: (N, 3, 3) covariances of the N errors [m, m, rad], each in its own frame.
+        yaws: (N,) yaws of these frames in the frame of the result [rad].
+        to_end: (N, 3) pose of the path's end minus the pose at each error, in the frame of the result [m, m, rad].
     """
     along, across = np.cos(yaws) ** 2, np.sin(yaws) ** 2
     nothing, one = np.zeros(len(yaws)), np.ones(len(yaws))
