@@ -1,12 +1,12 @@
 """The chain: a trajectory with its optimised graph, which gives the covariance of one pose relative to another.
 
-The graph also gives the uncertainty of a submap's layout, the poses of its scans in the frame of its central scan. If the
-trajectory misplaces the scans before and after the central scan, the submap as a whole is off by the mean of these errors,
-which the score of two passes does not show. The mean is small where the trajectory's motions are certain, or where the
-errors before and after the central scan cancel. They do not cancel at the beginning of a recording, or where the vehicle
-stands while its yaw drifts.
+The graph also gives the uncertainty of a submap's layout: the poses of the submap's scans in the frame of its central scan.
+If the trajectory misplaces the scans before and after the central scan, the submap as a whole is off by the mean of these
+errors. The score of two passes does not show this. The mean is small where the motions of the trajectory are certain, or
+where the errors before and after the central scan cancel. The errors do not cancel at the beginning of a recording, or where
+the vehicle stands while the yaw of the trajectory drifts.
 
-Two loops that lie close to each other must agree: one of them, carried along the trajectory, must predict the other
+Two loops that lie close to each other must agree: the first loop, carried along the trajectory, must predict the second loop
 (pairwise consistency).
 """
 
@@ -31,11 +31,11 @@ from mqslam.factors.between import add_bend
 
 
 class Relative(NamedTuple):
-    """The pose of one scan in the frame of another, with its covariance, as the trajectory or a loop states it.
+    """The pose of one scan in the frame of another scan, with its covariance, as the trajectory or a loop states it.
 
     Args:
-        motion: (3,) the pose.
-        covariance: (3, 3) covariance of the pose [m, m, rad].
+        motion: (3,) the pose [m, m, rad].
+        covariance: (3, 3) covariance of the pose, in the frame of the other scan [m, m, rad].
     """
 
     motion: se2.Array
@@ -82,11 +82,11 @@ class SubmapLayout(NamedTuple):
     later: NDArray[np.float64]
 
     def widen(self, pose: se2.Array, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Adds the layouts' uncertainty to the covariance of a registration.
+        """Returns the covariance (3, 3) of a registration of two submaps, with the uncertainty of both layouts added.
 
         Args:
             pose: (3,) pose of the later submap in the frame of the earlier one [m, m, rad].
-            covariance: (3, 3) covariance of this pose [m, m, rad].
+            covariance: (3, 3) covariance of this pose, in the frame of the earlier submap [m, m, rad].
         """
         turn = se2.adjoint(pose)
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
@@ -108,10 +108,10 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 
 
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
-    """Returns the layout covariance (3, 3) of the submap around each central scan, by the number of the scan.
+    """Returns the layout covariance (3, 3) [m, m, rad] of the submap around each central scan, by the number of the scan.
 
-    Each side of the central scan is weighted by its share of the submap's scans, as if all scans of the side had the
-    uncertainty of the farthest one.
+    Each side of the central scan is weighted by its share of the submap's scans, and all scans of a side are taken to have
+    the uncertainty of the farthest one. `reach_m` is the path [m] from the central scan to either end of the submap.
     """
     sides = []
     for centre in sorted(set(centres)):
@@ -134,13 +134,13 @@ LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
-    """Returns the squared difference of two independent estimates of one pose, in units of its covariance."""
+    """Returns the squared difference of two independent estimates of one pose, in units of the difference's covariance."""
     off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 
 def as_relative(loop: Loop) -> Relative:
-    """Converts a loop to a relative pose, and adds the covariance by which submaps are bent."""
+    """Converts a loop to a relative pose whose covariance includes the error that bent submaps cause."""
     return Relative(loop.pose, add_bend(loop.covariance))
 
 
@@ -148,14 +148,14 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
     """Returns the loops that agree with their neighbours.
 
     Two loops are neighbours if both their earlier scans and their later scans lie close to each other on the path. They
-    agree if the first loop, carried along the path at both ends, predicts the second one. As long as loops disagree, the
+    agree if the first loop, carried along the path at both ends, predicts the second loop. As long as loops disagree, the
     loops that disagree with the most neighbours are left out, all at once. If two sets of equal size contradict each other,
-    both are left out, since nothing shows which one is right.
+    both are left out, since nothing shows which set is right.
 
     Args:
         loops: the loops.
         chain: the trajectory without these loops.
-        least_path_m: largest length of path [m] between the ends of two neighbours.
+        least_path_m: largest path [m] between the earlier scans, and between the later scans, of two neighbours.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -170,7 +170,7 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
 
 
 def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
-    """Returns a symmetric matrix (K, K) that is True for each pair of loops that contradict each other."""
+    """Returns a symmetric matrix (K, K) that is True for each two of the K loops that are neighbours and disagree."""
     neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
@@ -187,15 +187,18 @@ def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool
     Args:
         one: a loop.
         other: another loop.
-        earlier: the earlier scan of the other loop in the frame of the earlier scan of the first loop.
-        later: the later scan of the other loop in the frame of the later scan of the first loop.
+        earlier: pose of the other loop's earlier scan in the frame of the first loop's earlier scan.
+        later: pose of the other loop's later scan in the frame of the first loop's later scan.
     """
     expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(one)), later)
     return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE
 
 
 def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:
-    """Returns the pairs of loops with at most `least_path_m` of path between earlier ends and between later ends."""
+    """Returns the index pairs of loops with at most `least_path_m` of path between earlier scans and between later scans.
+
+    `travelled` is the length (N,) of the path up to each scan [m].
+    """
     ends = np.array([(travelled[loop.earlier], travelled[loop.later]) for loop in loops]).reshape(-1, 2)
     return [
         (i, i + 1 + int(k))
@@ -210,7 +213,7 @@ def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def compose_relatives(a: Relative, b: Relative) -> Relative:
-    """Composes motion a with motion b, which starts at the end of a; their errors are independent."""
+    """Composes motion a with motion b, which starts at the end of a; the errors of both motions must be independent."""
     motion = se2.compose(a.motion, b.motion)
     x, y, _ = a.motion - motion
     lever = se2.adjoint([x, y, 0.0])

@@ -31,14 +31,14 @@ class Passes(Protocol):
 
     @property
     def poses(self) -> se2.Array:
-        """Poses (N, 3) of the scans."""
+        """Poses (N, 3) of the scans in the trajectory's frame [m, m, rad]."""
 
     @property
     def travelled(self) -> NDArray[np.float64]:
         """Length (N,) of the path up to each scan [m]."""
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of the scans `chosen` (K,), increasing, in the frame of the scan `centre`."""
+        """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class MappedDrive:
 
     Args:
         keyframes: keyframes of the map.
-        poses: (K, 3) poses of the keyframes [m, m, rad].
+        poses: (K, 3) poses of the keyframes in the map's frame [m, m, rad].
         travelled: (K,) length of the path up to each keyframe [m]. Between two recordings it grows by more than any real
             path, so that keyframes of different recordings are never near each other on the path.
     """
@@ -58,14 +58,14 @@ class MappedDrive:
 
     @classmethod
     def of(cls, keyframes: Keyframes, poses: se2.Array | None = None) -> MappedDrive:
-        """Returns the keyframes of a map under their own poses, or under the poses (K, 3) that are given."""
+        """Returns the keyframes of a map under the given poses (K, 3), or under their own poses if None is given."""
         starts = np.flatnonzero(np.diff(keyframes.origins)) + 1
         jumps = np.zeros(len(keyframes))
         jumps[starts] = np.maximum(keyframes.travelled[starts - 1], 0.0) + _FAR_M
         return cls(keyframes, keyframes.poses if poses is None else poses, keyframes.travelled + np.cumsum(jumps))
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of the keyframes `chosen` (K,) in the frame of the keyframe `centre`."""
+        """Renders the returns of the keyframes with the numbers `chosen` (K,), in the frame of the keyframe `centre`."""
         return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
 
 
@@ -75,8 +75,8 @@ class TrackedRun:
 
     Args:
         scans: scans of the recording.
-        times: (N,) start of each scan [s].
-        poses: (N, 3) poses of the sensor at these times.
+        times: (N,) start of each scan [s] since the recording's start.
+        poses: (N, 3) poses of the sensor at these times, in the trajectory's frame [m, m, rad].
         travelled: (N,) length of the path up to each scan [m].
     """
 
@@ -87,12 +87,12 @@ class TrackedRun:
 
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> TrackedRun:
-        """Returns N scans under poses (N, 3)."""
+        """Returns N scans under poses (N, 3) [m, m, rad]."""
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
         return cls(scans, times, poses, se2.path_lengths(poses))
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of the scans `chosen` (K,), increasing, in the frame of the scan `centre`."""
+        """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
         returns = Returns.concatenate([self.scans[k].returns for k in chosen])
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
         local = se2.between(self.poses[centre], self.poses[first:last])
@@ -100,13 +100,13 @@ class TrackedRun:
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
-    """Picks indices around one index of a path, about `spacing_m` apart and at most about `reach_m` away.
+    """Picks increasing indices around one index of a path, about `spacing_m` apart and at most about `reach_m` away.
 
     Args:
         travelled: (N,) length of the path up to each index [m].
         centre: the index around which indices are picked.
         reach_m: length of path to either side [m].
-        spacing_m: distance between the indices [m].
+        spacing_m: path from one picked index to the next [m].
     """
     marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)  # rounding must not lose the last mark
     chosen = np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
@@ -114,11 +114,11 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
 
 
 def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> PointSet:
-    """Renders a submap: the returns of the scans around a central scan, in the frame of that scan.
+    """Renders a submap: the returns of the scans around a central scan, in the frame of the central scan.
 
     Args:
         drive: scans under a trajectory.
-        centre: index of the central scan, whose pose at its start is the frame.
+        centre: number of the central scan. Its pose at its start is the frame.
         reach_m: length of path to either side from which scans are taken [m].
         beam: the sensor's errors.
     """
@@ -130,13 +130,16 @@ def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: 
 
     Args:
         earlier: the scans of the earlier pass, and the number of the central scan of its submap.
-        later: the same for the later pass.
+        later: the scans of the later pass, and the number of the central scan of its submap.
         beam: the sensor's errors.
+
+    Returns:
+        The earlier and the later submap, each in the frame of its central scan.
     """
     return render_submap(*earlier, SUBMAP_M, beam), render_submap(*later, LATER_SHARE * SUBMAP_M, beam)
 
 
-# Two scans with less path [m] than this between them belong to the same pass: odometry ties them already.
+# Two scans with less path [m] than this between them belong to the same pass: the motions between them need no loop.
 LEAST_PATH_M = 60.0
 # Least share of the later pass's returns that must lie on the earlier pass.
 MATCHED = 0.45
@@ -153,14 +156,14 @@ def find_passes(
 
     Args:
         travelled: (N,) length of the path up to each pose [m].
-        poses: (N, 3) poses along the path.
+        poses: (N, 3) poses along the path [m, m, rad].
         spacing_m: path [m] between the poses for which earlier passes are searched.
         least_path_m: two poses belong to different passes if the path [m] between them is longer than this.
-        reach_m: returns the largest distance [m] of two poses of a pair, given the path between them [m]; it never decreases
-            as the path grows.
+        reach_m: returns the largest distance [m] between the two poses of a pair, given the path between them [m]; the
+            distance must not decrease as the path grows.
 
     Returns:
-        For each later pose the list of its pairs, the nearest pass first.
+        For each later pose the list of its pairs, the nearest pass first; an empty list without an earlier pass.
     """
     nodes = pick_spaced(travelled, spacing_m)
     travelled, xy = travelled[nodes], poses[nodes, :2]

@@ -1,7 +1,7 @@
 """Registers one submap on another by psi: searches all poses near a guess, then minimises psi and estimates the covariance.
 
-The search correlates the two submaps as blurred images at several yaws, which is the cheapest form of the score.
-psi is then minimised from the guess and from the best peaks of the correlation, and the pose with the lowest psi is chosen.
+The search correlates the two submaps as images at several yaws. psi is then minimised from the guess and from the best peaks
+of the correlation, and the pose with the lowest psi is chosen.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import PsiEvaluation, References, Scale, evaluate, make_references
 
-# The best pose has no rival if psi at the next best pose is larger by at least this factor.
+# The best pose has no rival if psi at the next best pose is at least this many times psi at the best pose.
 RIVAL: Final = 1.1
 # An alignment that ends at most this far [m] outside the searched region is still accepted.
 _BEYOND_M = 1.0
@@ -38,17 +38,17 @@ _SURE_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The result of the registration of one submap, the query, on another one, the reference.
+    """The result of the registration of one submap, the query, on another submap, the reference.
 
     Args:
         pose: (3,) pose of the query's frame in the reference's frame [m, m, rad].
-        covariance: (3, 3) covariance of the pose [m, m, rad].
+        covariance: (3, 3) covariance of the pose, in the reference's frame [m, m, rad].
         matched: share of the query's points that have a neighbour in the reference.
         psi: psi per point of the query at the pose.
         rival: psi per point at the best other pose in the searched region; infinite if there is no other pose.
         observed: whether the submaps determine the pose in every direction.
-        rivals: (R, 3) other poses that fit about as well as the best one: their score is worse by less than the factor
-            RIVAL, or by less than chance explains. Empty if rivals were not asked for.
+        rivals: (R, 3) other poses that fit about as well as the best pose [m, m, rad]: their score is worse by less than the
+            factor RIVAL, or by less than chance explains. Empty if rivals were not asked for.
     """
 
     pose: se2.Array
@@ -68,16 +68,19 @@ def align(
     config: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Alignment:
-    """Finds the pose of a submap in the frame of another submap.
+    """Finds the pose of a submap, the query, in the frame of another submap, the reference.
 
     Args:
-        references: a submap in its own frame.
-        query: another submap in its own frame.
+        references: the reference submap in its own frame.
+        query: the query submap in its own frame.
         guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
-        rival_sigmas: another pose is a rival unless it scores worse than the best one by this many standard deviations; None
-            if rivals need not be known.
+        rival_sigmas: another pose is a rival unless it scores worse than the best pose by this many standard deviations;
+            None if rivals need not be known.
+
+    Returns:
+        The registration; if psi has no minimum within the reach, the guess, with nothing matched and infinite psi.
     """
     reach_m, reach_rad = reach
     minima = []
@@ -115,12 +118,12 @@ def _pick_rivals(
     sigmas: float,
     config: EstimatorConfig,
 ) -> se2.Array:
-    """Returns the poses (R, 3) of the minima that fit about as well as the best minimum.
+    """Returns the poses (R, 3) [m, m, rad] of those other minima that fit about as well as the best minimum.
 
     The scores of two poses are sums over the same points. The differences of the points' scores are summed by object, as in
-    psi's covariance. If both poses fit equally well, the total is about zero in units of its standard deviation (Vuong,
-    1989). Points without a reference in reach at one of the two poses, such as points beyond the end of a pass, do not show
-    which pose is right and are left out.
+    psi's covariance. If both poses fit equally well, the sum over all objects is about zero, compared with its standard
+    deviation (Vuong, 1989). A point shows which pose is right only if it has a reference in reach at both poses. Other
+    points, such as points beyond the end of a pass, are left out.
     """
     references, query = submaps
 
@@ -147,7 +150,7 @@ def score_at_pose(references: References, query: PointSet, pose: se2.Array, conf
 def score_among(
     references: References, points: PointSet, config: EstimatorConfig, scale: Scale | None = None
 ) -> PsiEvaluation:
-    """Returns the score of points among references, regardless of times.
+    """Returns the score of points among references, regardless of the times of the points.
 
     Args:
         references: fixed points.
@@ -164,10 +167,10 @@ def observes_all(references: References, points: PointSet, config: EstimatorConf
 
 
 def does_match(alignment: Alignment, matched: float) -> bool:
-    """Returns whether the registration of two passes is determined in every direction and enough of their returns match.
+    """Returns whether the registration of two passes is determined in every direction and enough of the returns match.
 
     Args:
-        alignment: registration of the two passes.
+        alignment: registration of the later pass on the earlier pass.
         matched: least share of the later pass's returns that must lie on returns of the earlier pass.
     """
     return alignment.observed and alignment.matched >= matched
@@ -184,8 +187,8 @@ def align_passes(
     """Registers the submap of a later pass on the submap of an earlier pass by psi.
 
     Args:
-        earlier: submap in its own frame.
-        later: submap in its own frame.
+        earlier: the earlier pass's submap in its own frame.
+        later: the later pass's submap in its own frame.
         guess: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.

@@ -1,4 +1,4 @@
-"""Minimises psi of a rigid submap among fixed points, regardless of their times, in one compiled call.
+"""Minimises psi of a rigid submap among fixed points, regardless of the points' times, in one compiled call.
 
 Submaps are registered on each other very often: to close loops, to refine a trajectory and to judge a map. To save time, the
 Jacobians of the rigid motion and the rotated covariances are computed point by point and never stored as arrays.
@@ -50,7 +50,7 @@ ANY_TIME: Final = 0.0
 
 
 def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
-    """Returns the points of a rigid submap at a pose (3,), with their derivatives by this pose."""
+    """Returns the points of a rigid submap at a pose (3,) [m, m, rad], with the derivatives of the points by this pose."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     x, y = points.points.T
     dx, dy = c * x - s * y, s * x + c * y
@@ -64,10 +64,10 @@ def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
 def minimise_rigidly(
     start: se2.Array, points: PointSet, references: References, config: EstimatorConfig, first: int = 0
 ) -> Minimum:
-    """Minimises psi over the pose of a rigid submap; the plain twin of this function is `minimise` with `move_rigidly`.
+    """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` computes the same in readable steps.
 
     Args:
-        start: (3,) pose at which the search begins.
+        start: (3,) pose at which the search begins, in the frame of the fixed points [m, m, rad].
         points: the submap in its own frame.
         references: fixed points.
         config: settings of the score and of its minimiser.
@@ -97,17 +97,18 @@ def _descend(
     """Minimises psi as `minimiser.minimise` does, without a prior.
 
     Args:
-        start: (3,) pose at which the search begins.
-        submap: points (N, 2) m and their covariances (N, 3) [m^2] in the submap's frame.
+        start: (3,) pose at which the search begins [m, m, rad].
+        submap: points (N, 2) [m] and their covariances (N, 3) xx, xy, yy [m^2] in the submap's frame.
         around: the fixed points.
-        scales: (K, 3) widths of the score in each step.
+        scales: (K, 3) widths of the score in each step, in the order of `Scale`.
         last: the final widths.
         kernel: the parameters of the score besides its widths.
         damping: `STABILISER` and `CORRELATION`.
-        tolerances: (3,) the search ends once a step is smaller than this in every component.
+        tolerances: (3,) a step at the final widths that is smaller than this in every component ends the search [m, m, rad].
 
     Returns:
-        The last pose (3,), whether the search converged, and the sums (N, 10) over each point's neighbours at this pose.
+        The last pose (3,), whether the search converged, and the sums (N, 10) over each point's neighbours at this pose, as
+        `score.weigh_offsets` takes them.
     """
     own, covariances = submap
     state, nothing, free, converged = start.copy(), np.zeros(3), np.zeros((3, 3)), False
@@ -136,7 +137,7 @@ def _descend(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def place_rigidly(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the points (N, 2) [m] of a submap that is moved to a pose (3,)."""
+    """Converts points (N, 2) [m] from the frame of a pose (3,) [m, m, rad] to the frame in which the pose is given."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     placed = np.empty_like(points)
     for i in range(len(points)):
@@ -147,7 +148,13 @@ def place_rigidly(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDA
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np.float64]) -> float:
-    """Returns the RMS distance [m] that a step (3,) of a pose with this yaw moves the points (N, 2) [m] of a submap."""
+    """Returns the RMS distance [m] by which a step of a submap's pose moves the submap's points; infinite without points.
+
+    Args:
+        points: (N, 2) m, in the submap's frame.
+        yaw: yaw of the pose before the step [rad].
+        move: (3,) the step [m, m, rad].
+    """
     c, s = np.cos(yaw), np.sin(yaw)
     total = 0.0
     for i in range(len(points)):
@@ -170,7 +177,7 @@ def expand_rigidly(
         cov: (N, 3) covariances xx, xy, yy [m^2] of these points in the submap's frame.
         yaw: yaw of the pose [rad].
         sums: (N, 10) sums over the neighbours of each point, as `score.weigh_offsets` takes them.
-        scale: widths of selection and weights.
+        scale: widths of the score.
     """
     wide, b = scale.c * scale.c, 2.0 / (scale.beta_s * scale.beta_s)
     turn_c, turn_s = np.cos(yaw), np.sin(yaw)
@@ -194,7 +201,7 @@ def expand_rigidly(
         weight = lorentz * lorentz
         hxx, hxy = ixx * (1.0 - b * sxx) - ixy * b * sxy, -ixx * b * sxy + ixy * (1.0 - b * syy)
         hyx, hyy = ixy * (1.0 - b * sxx) - iyy * b * sxy, -ixy * b * sxy + iyy * (1.0 - b * syy)
-        # the rows of the offset's jacobian J are (1, 0, jx) and (0, 1, jy)
+        # the rows of the Jacobian J of the offset are (1, 0, jx) and (0, 1, jy)
         jx = -(turn_s * own[i, 0] + turn_c * own[i, 1])
         jy = turn_c * own[i, 0] - turn_s * own[i, 1]
         gradient[0] += weight * fx
@@ -209,7 +216,7 @@ def expand_rigidly(
 def _add_products(
     total: NDArray[np.float64], jx: float, jy: float, weight: float, xx: float, xy: float, yx: float, yy: float
 ) -> None:
-    """Adds weight J^T A^T J to a total (3, 3), for a jacobian J of columns (1, 0), (0, 1), (jx, jy) and a matrix A."""
+    """Adds weight J^T A J to a total (3, 3); J has the columns (1, 0), (0, 1), (jx, jy), A the rows (xx, xy), (yx, yy)."""
     ax, ay = weight * xx, weight * xy
     bx, by = weight * yx, weight * yy
     cx, cy = weight * (xx * jx + yx * jy), weight * (xy * jx + yy * jy)
