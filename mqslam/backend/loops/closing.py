@@ -1,9 +1,9 @@
-"""Loop closure in rounds: each round searches around the trajectory that the loops of the rounds before have corrected.
+"""Searches for loops in rounds, each around the trajectory as corrected by the loops of the rounds before.
 
 The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
 pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
-by their appearance. A loop stays if the trajectory does not rule it out, if it agrees with its neighbours, and if it makes
-the map better.
+by their appearance. A loop is kept if the trajectory does not rule it out, if it agrees with its neighbours, and if it does
+not clearly increase psi of its two passes.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ _SEARCH_RAD = 0.03
 GATE_M = 40.0
 # Largest half width of the search in yaw [rad]. It bounds the time of the search.
 _GATE_RAD = 0.3
-# Half width of the search in standard deviations of the relative pose of the two passes, as the trajectory states it. If
-# this is more than GATE_M or _GATE_RAD, the passes are not compared.
+# Half width of the search, in standard deviations of the two passes' relative pose in the trajectory. If the half width is
+# larger than GATE_M or _GATE_RAD, the passes are not compared.
 _SIGMAS = 3.0
 # Largest number of earlier passes with which a scan is compared; the nearest ones are taken.
 _PASSES = 1
-# After a pair of scans has been compared, a neighbouring pair is not: one whose earlier scan lies within LEAST_PATH_M of
-# path from the earlier scan of the first pair, and whose later scan lies within LEAST_PATH_M divided by this factor.
+# A pair of scans is not compared if it neighbours a compared pair: if the path between the two earlier scans is at most
+# LEAST_PATH_M, and the path between the two later scans is at most LEAST_PATH_M divided by this factor.
 _TRIED_FACTOR = 20.0
-# A loop that does not lower psi of its two passes stays if psi in the optimised map is at most this many times the smaller
+# A loop that does not lower psi of its two passes is kept if psi in the optimised map is at most this many times the smaller
 # of two values: psi before the loops, and psi with the passes registered on each other.
 _KEPT = 1.1
 ROUNDS = 2
@@ -75,7 +75,7 @@ class Candidate(NamedTuple):
     """A pair of scans that may show one place.
 
     Args:
-        earlier, later: indices of the two scans.
+        earlier, later: numbers of the two scans.
         reach_m: half width of the search around the later scan's position in the trajectory [m].
         reach_rad: half width of the search in yaw [rad].
         chain: pose of the later scan in the frame of the earlier scan, as the trajectory states it.
@@ -95,9 +95,9 @@ def find_candidates(
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
-    A pair is a candidate if the distance of its scans, less the uncertainty of this distance, is so short that both passes
-    see the same objects. Of each of the nearest earlier passes only the nearest scan is taken. A pair is left out if a
-    neighbouring pair has been tried.
+    A pair is a candidate if the distance of its scans, minus the uncertainty of this distance, is so short that both passes
+    see the same objects. Only the nearest `_PASSES` earlier passes are taken, each with its nearest scan. A pair is left out
+    if a neighbouring pair has been tried.
 
     Args:
         chain: the trajectory, with its uncertainty.
@@ -142,7 +142,7 @@ def find_candidates(
 
 
 def compute_reach(relative: Relative) -> tuple[float, float]:
-    """Returns the half widths [m], [rad] of a search that covers the uncertainty of a relative pose."""
+    """Returns the half widths, in position [m] and in yaw [rad], of a search that covers a relative pose's uncertainty."""
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(relative.covariance[:2, :2])[-1]))
     sigma_rad = float(np.sqrt(relative.covariance[2, 2]))
     return max(_SEARCH_M, _SIGMAS * sigma_m), max(_SEARCH_RAD, _SIGMAS * sigma_rad)
@@ -166,18 +166,18 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 
 
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Finds the earlier places that each place may show, for places whose earlier places the search cannot all reach.
+    """Finds places that may show an earlier place which lies out of reach of the search around the trajectory.
 
     The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path. If each of these scans is
     certain enough relative to the first scan, the search reaches every place, and no other pairs are examined.
 
     Args:
         chain: the trajectory, with its uncertainty.
-        places: (P,) numbers of scans, increasing.
+        places: (P,) numbers of the scans at the places, increasing.
 
     Returns:
-        (P, P) whether the place of a row may show the earlier place of a column; all False in the row of a place whose
-        search reaches all earlier places that it may show.
+        (P, P) whether the place of a row may show the earlier place of a column. A row is all False if the search reaches
+        all earlier places that the place of the row may show.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -207,7 +207,7 @@ class CandidateScore(NamedTuple):
 
     Args:
         loop: the loop, or None where psi does not confirm it.
-        ambiguous: whether the passes match, but fit several places that the trajectory allows.
+        ambiguous: whether the passes match at several places that the trajectory allows.
         implausible: whether the passes match only at a place that the trajectory rules out.
     """
 
@@ -224,7 +224,7 @@ def compare_passes(
     engine: Engine,
     progress: Progress,
 ) -> list[CandidateScore]:
-    """Registers the two passes of every candidate.
+    """Registers the two passes of every candidate; returns one result per candidate.
 
     Args:
         drive: scans under the present trajectory.
@@ -242,7 +242,7 @@ def compare_passes(
 
 
 def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> CandidateScore:
-    """Registers the two passes of a candidate."""
+    """Registers the two passes of a candidate, and decides whether they are a loop."""
     drive, estimator, beam = shared
     earlier, later, _, _, chain, layout = candidate
     submaps = render_passes((drive, earlier), (drive, later), beam)
@@ -264,12 +264,12 @@ def confirm_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """Returns the loops under which the map of their two passes is crisper than without loops, or hardly less crisp.
+    """Returns the loops with which psi of their two passes is lower than without loops, or hardly higher.
 
     Args:
         loops: all loops in the graph.
         drive: scans under the trajectory before the loops.
-        after: (N, 3) poses with the loops.
+        after: (N, 3) poses of the scans with the loops [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: engine that scores the passes; the result does not depend on it.
@@ -291,8 +291,8 @@ def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam]
     The submaps are rendered only once, so that the trajectories differ only in the relative pose of the submaps.
 
     Args:
-        shared: scans under the trajectory with which the submaps are rendered, poses (N, 3) of the scans under each of the
-            trajectories to score, settings of the score, and the sensor's errors.
+        shared: scans under the trajectory with which the submaps are rendered; the poses (N, 3) [m, m, rad] of the scans
+            under each trajectory that is scored; settings of the score; and the sensor's errors.
         loop: the loop.
     """
     drive, tracks, estimator, beam = shared
@@ -303,11 +303,11 @@ def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam]
 
 
 class LoopCloser:
-    """A search for loops. It keeps the loops that psi confirms, that the trajectory allows, that agree and improve the map.
+    """Searches for loops. A loop must be confirmed by psi, fit the trajectory and neighbouring loops, and improve the map.
 
     Args:
         problem: the trajectory to which loops are added.
-        place: returns the scans under given poses (N, 3).
+        place: returns the scans under given poses (N, 3) [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: gives the engine that compares scans, and reports progress.
@@ -315,7 +315,7 @@ class LoopCloser:
         groups: (N,) group of each scan, if only loops between different groups are wanted; None searches for all loops.
 
     Attributes:
-        loops: the loops that have been added to the trajectory.
+        loops: the loops that have been added to the trajectory and kept.
     """
 
     def __init__(
@@ -335,7 +335,7 @@ class LoopCloser:
         self._decided: set[tuple[int, int]] = set()
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
-        self._recognised = self._alike = self._elsewhere = 0  # counts of the recognition
+        self._recognised = self._alike = self._elsewhere = 0  # counts of pairs and scans in the recognition of places
 
     def look_around(self, *, asking: bool = False) -> bool:
         """Searches for loops around the trajectory, in rounds.
@@ -358,7 +358,7 @@ class LoopCloser:
             if not new:
                 break
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
-            del chain  # its eliminated graph takes more memory than anything else here
+            del chain  # frees the eliminated graph, which takes more memory than anything else here
             self.join(kept)
         return out_of_reach
 
@@ -401,19 +401,19 @@ class LoopCloser:
         return bool(added)
 
     def start_from(self, first: Sequence[Loop]) -> None:
-        """Adds loops that are known before the search; their pairs of scans are not compared again."""
+        """Adds loops known before the search; neither their pairs of scans nor neighbouring pairs are compared again."""
         self._decided = {(loop.earlier, loop.later) for loop in first}
         self.join(first)
 
     def join(self, new: Sequence[Loop]) -> None:
-        """Adds new loops to the trajectory, and drops all loops that make the map worse."""
+        """Adds new loops to the trajectory, and then drops each loop, old or new, that makes the map worse."""
         loops, before = [*self.loops, *new], self._before
         assert before is not None  # it was given, or set when the trajectory was optimised
         after = self._problem.solve_poses(loops)
         self.loops = confirm_by_map(loops, before, after, self._estimator, self._beam, self._runner.engine)
 
     def conclude(self) -> LoopSearch:
-        """Returns the result of the search."""
+        """Returns the loops that were kept, and the counts of compared and rejected pairs of scans."""
         ambiguous, implausible = self._ambiguous + self._alike, len(self._implausible) + self._elsewhere
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
@@ -434,7 +434,7 @@ class LoopCloser:
         return [score.loop for score in scores if score.loop is not None]
 
     def _optimise(self) -> Chain:
-        """Returns the optimised trajectory with the loops found so far."""
+        """Returns the trajectory optimised with the loops found so far, with its graph."""
         graph, optimum = self._problem.optimise(self.loops)
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
@@ -450,7 +450,7 @@ def find_loops(
     *,
     recognising: bool = True,
 ) -> LoopSearch:
-    """Searches the loops of a run by a `LoopCloser`.
+    """Searches for the loops of a run with a `LoopCloser`.
 
     Args:
         scans: scans of the recording.
@@ -458,7 +458,7 @@ def find_loops(
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: gives the engine that compares scans, and reports progress.
-        recognising: whether places that the search around the trajectory cannot reach are recognised by their appearance.
+        recognising: whether places out of reach of the search around the trajectory are recognised by their appearance.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.

@@ -1,12 +1,13 @@
-"""Recognition of places: finds the place that a submap shows by its appearance, confirmed by psi and neighbouring submaps.
+"""Recognises places by their appearance: finds the place that a submap shows, without knowing roughly where it lies.
 
-A place is described by the numbers of returns in rings and sectors around it. A single place may look like another one by
-chance. It is unlikely that several successive submaps match successive places by chance, except in streets that look alike.
-There a submap matches several places, and all of these matches are rejected.
+A place is described by the numbers of returns in rings and sectors around it. A submap is registered by psi on the
+places that look most like it. A single place may match another one by chance, but it is unlikely that several successive
+submaps match successive places by chance. Streets that look alike are an exception: there a submap matches several places,
+and all of these matches are rejected.
 
 Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not measure.
-From another lane, returns lie in other rings and sectors; a submap is therefore described from several positions beside its
-centre.
+From another lane, returns lie in other rings and sectors. A submap is therefore described from several positions to the left
+and right of its centre.
 """
 
 from __future__ import annotations
@@ -35,8 +36,7 @@ from mqslam.psi.place import Beam, PointSet
 
 # Returns farther away from a place than this [m] are not part of its description.
 RANGE_M = 120.0
-# Number of rings around a place in which returns are counted. Each ring is 3 m wide, since a place is recognised to within a
-# lane.
+# Number of rings around a place in which returns are counted. Each ring is 3 m wide, about as wide as a lane.
 RINGS = 40
 # Number of sectors around a place in which returns are counted. Each sector is 3 degrees wide.
 SECTORS = 120
@@ -55,12 +55,12 @@ DESCRIBED_WITH: Final = {
 
 
 def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
-    """Describes places along a path; the result does not depend on the engine.
+    """Describes places along a path.
 
     Args:
         drive: scans under a trajectory.
         beam: the sensor's errors.
-        engine: engine that describes the places.
+        engine: engine that describes the places; the result does not depend on it.
     """
     places = pick_spaced(drive.travelled, PLACE_SPACING_M)
     descriptors = engine.map(_describe, (drive, beam), places.tolist())
@@ -69,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns the map with descriptors made by this version of mqslam; descriptors of another version are replaced."""
+    """Returns the map with descriptors that depend on the present constants; descriptors made with others are replaced."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
@@ -80,11 +80,11 @@ def _describe(shared: tuple[Passes, Beam], place: int) -> NDArray[np.float32]:
 
 
 def render_places(drive: Passes, places: Sequence[int], beam: Beam, engine: Engine) -> list[PointSet]:
-    """Renders the submaps of some places, each in its own frame.
+    """Renders the submaps of some places, each in the frame of its central scan.
 
     Args:
         drive: scans under a trajectory.
-        places: numbers of the scans at the places.
+        places: numbers of the central scans.
         beam: the sensor's errors.
         engine: engine that renders the submaps; the result does not depend on it.
     """
@@ -113,7 +113,7 @@ def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.fl
 
 @nb.njit(cache=True, nogil=True)
 def _count(points: NDArray[np.float64], aside_m: float) -> NDArray[np.float64]:
-    """Counts points (N, 2) in rings and sectors (R, S) around a centre that lies `aside_m` to the left of the origin."""
+    """Counts points (N, 2) [m] in rings and sectors (R, S) around a centre that lies `aside_m` to the left of the origin."""
     counts = np.zeros((RINGS, SECTORS))
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1] - aside_m
@@ -124,15 +124,15 @@ def _count(points: NDArray[np.float64], aside_m: float) -> NDArray[np.float64]:
     return counts
 
 
-# A place is also recognised from a position up to this far to either side [m], such as from another lane. Without such
+# A place is also recognised from positions up to this far to either side [m], such as from another lane. Without such
 # shifts, half of the places that are passed in the opposite direction are not found.
 ASIDE_M = 9.0
-# Number of places, the most similar ones, that psi compares with a submap.
+# Number of places, those that look most like a submap, that psi compares with the submap.
 _GUESSES = 3
 # Distance [m] between the sideways shifts that are tried.
 _ASIDE_STEP_M = 3.0
 
-_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: affects memory and speed only
+_COMPARED: Final = 4_000_000  # number of correlations that are in memory at a time; affects only memory and speed
 
 
 class Guess(NamedTuple):
@@ -150,7 +150,7 @@ class Guess(NamedTuple):
 
 
 class PlaceIndex:
-    """An index of places, in which the places that look like a submap are looked up.
+    """An index of places, which finds the places that look most like a submap.
 
     Args:
         descriptors: (P, R, S) descriptors of the places, as `describe` makes them.
@@ -169,10 +169,10 @@ class PlaceIndex:
         """Returns for each submap the places that look most like it, the likeliest first.
 
         Args:
-            queries: (N, 2) points of each submap, in its own frame [m].
-            allowed: (Q, P) whether a place may be an answer to a query.
-            apart: for each place, the numbers of the places that count as the same place, itself included; of these, only
-                the likeliest is returned.
+            queries: (N, 2) points of each of Q submaps, in the submap's own frame [m].
+            allowed: (Q, P) whether the place of a column may be an answer to the query of a row.
+            apart: for each place, the numbers of the places that count as the same place, with itself among them. Of these
+                places, only the likeliest is returned.
         """
         steps = int(ASIDE_M / _ASIDE_STEP_M)
         asides = _ASIDE_STEP_M * np.arange(-steps, steps + 1, dtype=np.float64)
@@ -189,11 +189,11 @@ class PlaceIndex:
     def _compare(
         self, queries: Sequence[NDArray[np.float64]], asides: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-        """Compares Q submaps with all P places; each submap is described from centres shifted sideways by `asides` [m].
+        """Compares Q submaps with all P places; each submap is described from centres `asides` [m] (A,) to its left.
 
         Returns:
-            Three arrays (Q, P): the largest correlation, the index of its shift, and the number of sectors by which the
-            descriptor is turned.
+            Three arrays (Q, P): the largest correlation, the index in `asides` at which it is found, and the number of
+            sectors by which the submap's descriptor must then be rotated.
         """
         described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
         spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
@@ -212,7 +212,14 @@ def _choose_likeliest(
     yaws: NDArray[np.float64],
     apart: Sequence[NDArray[np.int64]],
 ) -> list[Guess]:
-    """Returns the likeliest places of one submap, given its likeness to each place (P,) with the shift [m] and yaw [rad]."""
+    """Returns at most `_GUESSES` places that look like a submap, the likeliest first.
+
+    Args:
+        likeness: (P,) correlation of the submap with each place.
+        asides: (P,) how far to the left of the submap's centre its descriptor fits each place best [m].
+        yaws: (P,) yaw of the submap in the frame of each place [rad].
+        apart: as for `PlaceIndex.look_up`.
+    """
     chosen: list[Guess] = []
     left = likeness.copy()
     while len(chosen) < _GUESSES and len(left):
@@ -226,14 +233,14 @@ def _choose_likeliest(
     return chosen
 
 
-# psi searches this far in position [m] and in yaw [rad] around the pose that the descriptors show.
+# Registration by psi searches this far in position [m] and in yaw [rad] around the pose that the descriptors show.
 _SEARCH = (10.0, 0.1)
 # Least number of successive matches that must agree for a place to count as recognised. A single match may be wrong where
 # streets look alike.
 ROW = 3
-# Longest path [m] between successive matches of a row.
+# Longest path [m] between two matches that are compared with each other.
 _GAP_M = 25.0
-# Largest distance [m] by which two matches may disagree; a share of the path between them is added to it.
+# Largest distance [m] by which two matches may disagree; a share of the path between them is added to this distance.
 _AGREE_M = 0.5
 # Largest yaw [rad] by which two matches may disagree.
 _AGREE_RAD = 0.03
@@ -246,8 +253,8 @@ class Recognition:
     """The result of a recognition. A match is a loop from the scan at a place of the map to the central scan of a submap.
 
     Args:
-        rows: groups of successive matches that agree, in each group in the order of the drive.
-        ambiguous: scans whose submaps match several places about as well.
+        rows: groups of at least `ROW` matches that agree, in each group in the order of the drive.
+        ambiguous: numbers of the central scans of submaps that match several places about equally well.
         compared: number of pairs of a submap and a place that psi has compared.
     """
 
@@ -276,7 +283,10 @@ class PlaceDatabase:
         return cls(drive, table.keyframes, PlaceIndex(table.descriptors))
 
     def find_same(self) -> list[NDArray[np.int64]]:
-        """Returns for each place the numbers of the places so near to it on the path that they show the same returns."""
+        """Returns for each place the indices of the places that lie within PLACE_SUBMAP_M of it on the path.
+
+        These places, among them the place itself, show the same returns.
+        """
         along = self.drive.travelled[self.places]
         order = np.argsort(along, kind="stable")
         firsts = np.searchsorted(along[order], along - PLACE_SUBMAP_M)
@@ -288,9 +298,9 @@ class _Pair(NamedTuple):
     """A hypothesis of the recognition: a scan, and a place that the submap around the scan may show.
 
     Args:
-        earlier: number of the place's scan in the map.
-        later: number of the scan in its drive.
-        pose: (3,) approximate pose of the later scan in the frame of the earlier one.
+        earlier: number of the scan at the place, in the map.
+        later: number of the scan around which the submap lies, in its drive.
+        pose: (3,) approximate pose of the later scan in the frame of the earlier scan [m, m, rad].
     """
 
     earlier: int
@@ -307,13 +317,13 @@ def recognise(
     beam: Beam,
     engine: Engine,
 ) -> Recognition:
-    """Finds the places that submaps of a drive show, without knowing roughly where they lie in the map.
+    """Finds the places that submaps of a drive show, without knowing roughly where the submaps lie in the map.
 
     Args:
         drive: scans under a trajectory that is accurate over short distances.
         queries: (Q,) numbers of the central scans of the submaps that are looked up, in the order of the path.
         database: the places.
-        allowed: (Q, P) whether a place may be an answer to a query; None allows all.
+        allowed: (Q, P) whether the place of a column may be an answer to the query of a row; None allows all.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: engine that compares the submaps; the result does not depend on it.
@@ -336,14 +346,17 @@ def recognise(
 
 
 def _place(pairs: Sequence[_Pair | Loop], mapped: Passes) -> se2.Array:
-    """Returns the poses (K, 3) of the later scans of pairs, in the map's frame."""
+    """Returns the poses (K, 3) of the later scans in the map's frame [m, m, rad], as K pairs place them."""
     return np.array([se2.compose(mapped.poses[pair.earlier], pair.pose) for pair in pairs]).reshape(-1, 3)
 
 
 def _find_agreeing(
     pairs: Sequence[_Pair | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Finds pairs that agree: the drive's motion between their later scans fits the poses of these scans by the pairs.
+    """Finds which of the given pairs agree with each other.
+
+    Two pairs agree if the motion between their later scans is the same in the drive and in the map, where each pair places
+    its later scan.
 
     Args:
         pairs: the pairs, in the order of their later scans.
@@ -352,7 +365,7 @@ def _find_agreeing(
         slack: largest disagreement [m], [rad]; a share of the path between the later scans is added to the distance.
 
     Returns:
-        For each two pairs that agree, the index of the first one and the index of the second one.
+        For each two pairs that agree, the index of the first pair (M,) and the index of the second pair (M,).
     """
     queries, found = np.array([pair.later for pair in pairs], dtype=np.int64), _place(pairs, mapped)
     along, poses = drive.travelled[queries], drive.poses[queries]
@@ -388,7 +401,16 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses the best match of each query that fits only one place; also returns the queries that fit several places."""
+    """Chooses the best match of each submap that fits only one place.
+
+    Args:
+        matches: matches, each with whether no other pose around its place fits about as well.
+        mapped: the scans of the places.
+        estimator: settings of the score.
+
+    Returns:
+        The chosen matches, and the numbers of the central scans of the submaps that fit several places.
+    """
     chosen, ambiguous = [], []
     for query in sorted({match.later for match, _ in matches}):
         own = sorted(((match, alone) for match, alone in matches if match.later == query), key=lambda one: one[0].psi)
@@ -403,7 +425,7 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Groups matches that agree, at most one per query, and returns the groups of at least `ROW` matches."""
+    """Groups matches that agree, and returns the groups of at least `ROW` matches; there is at most one match per submap."""
     if not matches:
         return []
     i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))
