@@ -371,10 +371,8 @@ class Elimination:
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
         """Returns a square root of the joint covariance of a variable and the variables that it depends on, in this order.
 
-        Args:
-            known: numbers of some variables, which include all that the variable depends on.
-            root: a square root of the joint covariance of the known variables.
-            variable: number of the variable.
+        `root` is a square root of the joint covariance of the `known` variables, which include all that the variable depends
+        on.
         """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])

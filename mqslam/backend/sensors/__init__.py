@@ -1,1 +1,1 @@
-"""The sensors besides the radar: compares each with the radar's motions, calibrates it, and joins it to the pose graph."""
+"""The sensors besides the radar: each is compared with the front end's motions, calibrated, and joined to the pose graph."""

@@ -1,18 +1,19 @@
-"""Calibrates a sensor other than the radar: finds its systematic errors and its noise from motions that psi found itself.
+"""Calibrates a sensor other than the radar: finds its systematic errors and its noise by the front end's motions.
 
+Only converged motions are used, which have the status CONVERGED. Other motions may be predictions by the sensor itself.
 Systematic errors are the same in all motions. For the motion of odometry between two scans they are modelled as
 
     motion of the radar = motion of odometry + design (3, 7) @ parameters (7,) + noise
 
 The parameters are the error of the travel's scale, the delay of odometry's clock, the position of the radar on the vehicle
-(ahead, to the left) and its yaw, and the bias of the yaw rate. The bias may walk: it has a value at certain times, called
-knots, and is interpolated between two knots. If the pose of the radar on the vehicle (its mount) is known, the motions of
-odometry are first converted to motions of the radar; the estimated position and yaw are then offsets from this mount, in the
-mount's frame. Other sensors have fewer parameters.
+(ahead, to the left) and its yaw, and the bias of the yaw rate before and after the motion. The bias may walk: it has a value
+at certain times, called knots, and is interpolated between two knots. If the pose of the radar on the vehicle (its mount) is
+known, the motions of odometry are first converted to motions of the radar. The estimated position and yaw are then offsets
+from this mount, in the mount's frame. Other sensors have fewer parameters.
 
-The sensor's noise, which is independent from motion to motion, adds up along a span of motions, while psi errs only at the
+The sensor's noise is independent from motion to motion and adds up along a span of motions. The front end errs only at the
 two ends of the span. The noise of a motion is estimated from spans of several lengths, and the largest estimate is taken: a
-bias that walks faster than the calibration can follow shows over long spans, a wrong clock shows over short spans.
+bias that walks faster than the calibration can follow shows over long spans, and a wrong clock shows over short spans.
 """
 
 from __future__ import annotations
@@ -32,23 +33,23 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
-# If psi found fewer motions than this itself, odometry is not calibrated and keeps its stated errors.
+# If fewer motions than this are converged, odometry is not calibrated and keeps its stated errors.
 FEWEST = 20
-# If psi found fewer motions than this itself, a gyroscope is not used, and velocities keep their stated errors.
+# If fewer motions than this are converged, a gyroscope is not used, and velocities keep their stated errors.
 FEWEST_MOTIONS = 40
 # A sensor whose scale is off by more than this factor is not used: its unit or its Doppler shift is wrong, or it is broken.
 # Smaller errors of the scale are corrected.
 LARGEST_SCALE = 1.25
-# Largest share of motions in which a calibrated sensor may contradict psi by more than WILD standard deviations. psi itself
-# is wrong in a few motions.
+# Largest share of motions in which a calibrated sensor may contradict the front end by more than WILD standard deviations.
+# The front end itself is wrong in a few motions.
 MOST_WILD, WILD = 0.1, 3.0
-# A delay, a scale error, or the scale itself (which shows that sensor and radar turn together at all) is significant if it
-# is larger than this many standard deviations.
+# A delay or a scale error is significant if it is larger than this many standard deviations. A gyroscope's scale must be
+# significant, too: it shows that gyroscope and radar turn together at all.
 TOLD_SIGMAS = 5.0
 # A smaller scale error is corrected without a message to the user.
 SCALE_TOLERANCE = 0.01
-# Longest span [s] over which odometry is compared with psi to find its noise, and also the time between two knots of the
-# bias of its yaw rate.
+# Longest span [s] over which odometry is compared with the front end to find odometry's noise, and also the time between two
+# knots of the bias of odometry's yaw rate.
 SPAN_S = 10.0
 # Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows with the root of
 # time.
@@ -66,8 +67,8 @@ _COMMON: Final = 5  # number of parameters with one value for the whole run; the
 DELAY_S: Final = 0.1  # prior standard deviation of a delay [s]: no usable clock is off by much more
 MOUNT_M: Final = 2.0  # prior standard deviation of the radar's distance from the point that odometry tracks [m]
 _MOST_KNOTS: Final = 1000  # numerical: keeps the matrices of the fit small, however long the run is
-_UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, so that it has no effect
-_AT_ONCE: Final = 64  # numerical: number of parameters solved for at once, which bounds the memory of a long run
+_UNKNOWN: Final = 1e6  # numerical: variance of a motion that is not converged, so that the motion has no effect
+_AT_ONCE: Final = 64  # numerical: number of parameters solved for at once, which limits the memory of a long run
 _LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
 
 
@@ -78,7 +79,7 @@ class SensorEdges(Protocol):
         """Returns the sensor's factors.
 
         Args:
-            chain: (N, 3) poses of the scans [m, m, rad], whose yaws are right to within pi.
+            chain: (N, 3) approximate poses of the scans [m, m, rad]; the error of each yaw must be less than pi.
         """
 
     def insert_into(self, values: gtsam.Values) -> None:
@@ -93,7 +94,7 @@ class Use(Generic[E_co]):
     """How a sensor is used after it was compared with the front end's motions.
 
     Args:
-        source: where the readings come from.
+        source: the file or topic that the readings come from.
         statements: sentences for the user; the first one says whether the sensor is used.
         edges: factors and variables that the sensor adds to the graph; None if the sensor is not used.
     """
@@ -110,7 +111,7 @@ class Motions(NamedTuple):
         poses: (N, 3) pose at each motion's end in the frame of the pose at its start [m, m, rad].
         lasts: (N,) duration of each motion [s].
         variances: (N, 3) variances of x, y and yaw [m^2, m^2, rad^2].
-        converged: (N,) whether psi found each motion itself.
+        converged: (N,) whether each motion has the status CONVERGED.
     """
 
     poses: se2.Array
@@ -134,10 +135,10 @@ class Design:
     """The design matrix of a calibration: the derivatives of a sensor's motions by the parameters.
 
     Args:
-        jacobians: (N, 3, 7) derivatives of each motion by the parameters that act on it: the common parameters, and the
-            biases at the knots before and after the motion.
-        columns: (N, 7) numbers of these parameters among all parameters.
-        knots_s: (K - 1,) time from each of the K knots to the next one [s].
+        jacobians: (N, 3, A) derivatives of x [m], y [m] and yaw [rad] of each motion by the A parameters that act on it: the
+            common parameters, and any biases at the knots before and after the motion (A = 7 for odometry).
+        columns: (N, A) numbers of these parameters among all parameters.
+        knots_s: (K - 1,) time from each of the K knots to the next one [s]; empty without a bias that walks.
     """
 
     jacobians: NDArray[np.float64]
@@ -151,7 +152,7 @@ class Calibration:
 
     Args:
         parameters: (P,) for odometry the error of the scale [1], the delay [s], the radar's offset ahead [m], to the left
-            [m] and in yaw [rad], and the bias of the yaw rate at every knot [rad/s].
+            [m] and in yaw [rad], and the bias of the yaw rate at every knot [rad/s]. Other sensors have other parameters.
         covariance: (P, P) covariance of the parameters.
     """
 
@@ -159,11 +160,11 @@ class Calibration:
     covariance: NDArray[np.float64]
 
     def correct(self, design: Design) -> NDArray[np.float64]:
-        """Returns the corrections (N, 3) that the parameters make to the motions."""
+        """Returns the corrections (N, 3) [m, m, rad] that the parameters make to the motions."""
         return np.asarray(np.einsum("kij,kj->ki", design.jacobians, self.parameters[design.columns]))
 
     def list_sigmas(self, design: Design) -> NDArray[np.float64]:
-        """Returns the standard deviations (N, 3) of the corrections."""
+        """Returns the standard deviations (N, 3) [m, m, rad] of the corrections."""
         blocks = self.covariance[design.columns[:, :, None], design.columns[:, None, :]]
         variances = np.einsum("kij,kjl,kil->ki", design.jacobians, blocks, design.jacobians)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
@@ -175,10 +176,10 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
     Args:
         motions: two or more successive motions of the radar by odometry.
         span: number of motions from a knot of the bias to the next one.
-        mount: (3,) pose of the radar on the vehicle, with which odometry was converted to motions of the radar.
+        mount: (3,) pose of the radar on the vehicle [m, m, rad], with which odometry was converted to motions of the radar.
     """
     known = Motions.of(motions)
-    # a rotation of the vehicle bends its travel, and swings the radar about the vehicle's origin at the motion's end
+    # a rotation of the vehicle bends the path of its origin, and moves the radar sideways around this origin
     arm = known.poses[:, :2] - 0.5 * _find_travel(known.poses, mount) - se2.inverse(mount)[:2]
     by_bias = np.column_stack([-arm[:, 1] * known.lasts, arm[:, 0] * known.lasts, known.lasts])
     span = max(span, -(-len(motions) // _MOST_KNOTS))
@@ -212,10 +213,11 @@ def make_walking_prior(
     """Returns the prior information matrix (P, P) of the common parameters and of a bias that walks from knot to knot.
 
     Args:
-        sigmas: standard deviations of the C common parameters and of the first bias.
+        sigmas: (C + 1,) standard deviations of the C common parameters, in their units, and of the bias at the first knot
+            [rad/s].
         knots_s: (K - 1,) time from each knot to the next one [s].
-        walk: standard deviation by which the bias walks in a second; it grows with the root of time.
-        least: variance that is added to the variance of the walk from each knot to the next.
+        walk: standard deviation by which the bias walks in a second [rad/s]; it grows with the root of time.
+        least: variance [rad^2/s^2] that is added to the variance of the walk from each knot to the next.
     """
     common = len(sigmas) - 1
     information = np.zeros((common + len(knots_s) + 1,) * 2)
@@ -232,7 +234,7 @@ def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: s
     Args:
         poses: (N, 3) motions of the radar by odometry [m, m, rad].
         lasts: (N,) duration of each motion [s].
-        mount: (3,) pose of the radar on the vehicle, with which odometry was converted to motions of the radar.
+        mount: (3,) pose of the radar on the vehicle [m, m, rad], with which odometry was converted to motions of the radar.
     """
     x, y, yaw = poses.T
     jacobians = np.zeros((len(poses), 3, _COMMON))
@@ -246,7 +248,11 @@ def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: s
 
 
 def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
-    """Returns the travel (N, 2) [m] of the vehicle's origin in motions (N, 3) of the radar, along the radar's axes."""
+    """Returns the travel (N, 2) [m] of the vehicle's origin during motions (N, 3) of the radar.
+
+    The travel is along the axes of the radar at the start of each motion. `mount` is the pose (3,) of the radar on the
+    vehicle.
+    """
     vehicle = se2.compose(se2.compose(mount, poses), se2.inverse(mount))
     return se2.transform([0.0, 0.0, -mount[2]], vehicle[:, :2])
 
@@ -274,14 +280,16 @@ def fit(
 ) -> Calibration:
     """Fits the parameters by generalised least squares.
 
-    If psi places a scan too far ahead, the motion to this scan is too long, and the next motion is too short by as much.
-    Such errors cancel along the path, so that successive motions show the scale far better than independent motions would.
+    If the front end places a scan too far ahead, the motion to this scan is too long, and the next motion is too short by as
+    much. Such errors cancel along the path, so that successive motions show the scale far better than independent motions
+    would.
 
     Args:
         design: design of all motions.
-        misses: (N, 3) the radar's motions minus odometry's motions; NaN where psi did not find the motion itself.
-        measured: (N, 3) variances of psi's motions, which include the errors of both scans of a motion.
-        noise: (N, 3) variances of odometry's own noise, which is independent from motion to motion.
+        misses: (N, 3) the radar's motions minus the sensor's motions [m, m, rad]; NaN for motions that are not converged.
+        measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2], which include the errors of both scans of a
+            motion.
+        noise: (N, 3) variances of the sensor's own noise [m^2, m^2, rad^2], which is independent from motion to motion.
         prior: (P, P) prior information matrix of the parameters.
     """
     information, right = prior.copy(), np.zeros(len(prior))
@@ -302,15 +310,15 @@ def fit(
 
 
 _FEWEST: Final = 5  # the median of fewer independent spans may be small by chance
-_BEYOND: Final = 3.0  # a residual of more standard deviations than this is not noise
+_BEYOND: Final = 3.0  # a residual of more standard deviations than this is not explained by noise
 
 
 def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
-    """Estimates robustly the variances (3,) of the noise of one motion's x, y and yaw.
+    """Estimates the variances (3,) of the noise of one motion's x, y and yaw [m^2, m^2, rad^2], from medians.
 
     Args:
-        residuals: (N, 3) the radar's motions minus the calibrated odometry's motions; NaN where psi did not find the motion.
-        measured: (N, 3) variances of psi's motions.
+        residuals: (N, 3) the radar's motions minus the calibrated odometry's [m, m, rad]; NaN where they are not converged.
+        measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2].
         longest: number of motions in the longest span.
     """
     usual = np.nanmedian(np.where(np.isfinite(residuals), measured, np.nan), axis=0)
@@ -329,15 +337,15 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns extra variances (N, 3) for motions that disagree with psi by more than noise explains; zero for the others.
+    """Returns extra variances (N, 3) for motions that disagree with the front end by more than noise explains, else zero.
 
-    Slipping wheels, for instance, err by more than noise, and in one direction. If the sum of the residuals of a span is
-    larger than noise explains, its square is divided equally among the variances of the span's motions.
+    Slipping wheels, for instance, cause errors larger than noise, and in one direction. If the sum of the residuals of a
+    span is larger than noise explains, its square is divided equally among the variances of the span's motions.
 
     Args:
         residuals: (N, 3) residuals as for `measure_noise`.
-        measured: (N, 3) variances of psi's motions.
-        noise: (3,) variances of the noise of a motion.
+        measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2].
+        noise: (3,) variances of the noise of a motion [m^2, m^2, rad^2].
         longest: number of motions in the longest span.
     """
     disagreement = np.zeros_like(residuals)
@@ -352,7 +360,7 @@ def measure_disagreement(
 
 
 def _sum_spans(residuals: NDArray[np.float64], longest: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yields the span lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) of residuals over the spans."""
+    """Yields the span lengths 1, 2, 4 and so on up to `longest`, each with the sums (N - length + 1, 3) of the residuals."""
     sums, count = residuals, 1
     while len(sums) and count <= max(1, longest):
         yield count, sums

@@ -1,9 +1,10 @@
-"""Makes edges of the pose graph from velocities that the radar's chirps measured, once psi has calibrated them.
+"""Makes edges of the pose graph from velocities that the radar's chirps measured, calibrated by the front end's motions.
 
-    travel by psi = (1 + scale error) travel by the velocity + bias x time + noise
+    travel by the front end = (1 + scale error) travel by the velocity + bias x time + noise
 
-The scale depends on the radar's Doppler shift, which is known to a few percent. Leakage near the radar may bias a velocity.
-Where psi does not observe the travel, such as in a tunnel, the calibrated velocity measures it.
+The scale depends on the radar's Doppler shift, which is known to a few percent. Transmitted power that leaks into the
+receiver may bias a velocity. Where the front end does not observe the travel, such as in a tunnel, the calibrated velocity
+measures it.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ SIGMA_SCALE = 0.05
 SOURCE: Final = "chirps"
 _ROUNDS: Final = 3  # rounds of fit and noise; they settle in fewer
 _UNKNOWN: Final = 1e2  # standard deviation of a motion's yaw [rad], which a velocity does not measure
-_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without noise from being singular
+_LEAST: Final = 1e-12  # numerical: variance [m^2] that keeps a fit without noise from being singular
 
 
 class TravelEdges(dict[int, Measurement]):
-    """Motions without information about their yaw; each key is the number of the scan at which the motion starts."""
+    """Motions without information about their yaw. Each key is the number of the scan at which the motion starts."""
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factors of the motions."""
+        """Yields one factor for each motion."""
         for k, motion in self.items():
             yield psi_between(X(k), X(k + 1), motion.pose, motion.covariance)
 
@@ -68,9 +69,9 @@ class VelocityUse(Use[TravelEdges]):
     """How the velocities that the radar's chirps measure are used; the edges are motions made from the velocities.
 
     Args:
-        scale: travel by psi divided by travel by the velocity; NaN if it could not be found.
+        scale: travel by the front end divided by travel by the velocity; NaN if it could not be found.
         sigma_scale: standard deviation of the scale.
-        bias: (2,) velocity by psi minus the measured velocity, forward and left [m/s].
+        bias: velocity by the front end minus the measured and scaled velocity, forward and left [m/s].
     """
 
     scale: float = float("nan")
@@ -79,10 +80,10 @@ class VelocityUse(Use[TravelEdges]):
 
 
 def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
-    """Compares velocities with psi's motions, and converts them to motions if they agree.
+    """Compares velocities with the front end's motions, and converts the velocities to motions if they agree.
 
-    If psi found too few motions to show whether the velocities agree, the velocities keep their stated errors. Their scale
-    and bias are then fitted to these few motions and the prior.
+    If too few motions are converged to show whether the velocities agree, the velocities keep their stated errors. Their
+    scale and bias are then fitted to these few motions and the prior.
 
     Args:
         velocities: one velocity per scan.
@@ -119,11 +120,11 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
 def _predict(
     velocities: Velocities, motions: Sequence[Measurement]
 ) -> tuple[se2.Array, NDArray[np.float64], Design, NDArray[np.float64]]:
-    """Predicts the motions from the velocities and the yaws of psi's motions.
+    """Predicts the motions from the velocities and the yaws of the front end's motions.
 
     Returns:
-        The motions (N, 3), NaN where there is no velocity; their durations (N,) [s]; their derivatives by scale error and
-        biases; and their variances (N, 3).
+        The motions (N, 3) [m, m, rad], NaN where there is no velocity; their durations (N,) [s]; their derivatives by scale
+        error and biases; and their variances (N, 3) [m^2, m^2, rad^2].
     """
     spans = np.array([(motion.t0, motion.t1) for motion in motions])
     lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
@@ -137,7 +138,10 @@ def _predict(
 
 
 def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:
-    """Returns the reason why velocities cannot be used; None if they can be used."""
+    """Returns the reason why velocities cannot be used; None if they can be used.
+
+    `residuals` (M, 2) are x and y [m] of the converged motions minus the calibrated velocities' travel.
+    """
     if len(residuals) < FEWEST_MOTIONS:
         return None
     scale = 1.0 + float(found.parameters[0])
@@ -150,7 +154,10 @@ def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: N
 
 
 def _make_edges(motions: Sequence[Measurement], poses: se2.Array, variances: NDArray[np.float64]) -> TravelEdges:
-    """Makes edges of the pose graph from measured velocities; the edges hold no information about the turn."""
+    """Makes edges of the pose graph, without information about the yaw, from motions (N, 3) by the calibrated velocities.
+
+    A motion `poses[k]` that is NaN makes no edge. `variances` (N, 3) belong to the motions by the velocities.
+    """
     edges = TravelEdges()
     for k in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
         covariance = np.diag([*variances[k, :2], _UNKNOWN**2])
