@@ -33,11 +33,11 @@ from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk
 
 # If fewer fixes than this lie within the recording, they are not used: so few fit many trajectories.
 FEWEST = 10
-# Fixes are not used if half of them lie farther from the trajectory than this share of the length of its path: no trajectory
+# Fixes are not used if half of them lie farther from the trajectory than this share of the path's length: no trajectory
 # drifts so much.
 LARGEST_SHARE = 0.05
-# Fixes are not used if the trajectory spreads over less than this many times their median distance from it, since they would
-# not show its heading.
+# Fixes are not used if the extent of the trajectory is less than this many times the median distance of the fixes from the
+# trajectory, since the fixes would then not show the heading of the map.
 LEAST_SPREAD = 5.0
 
 _MOST_FIXES: Final = 400  # numerical: largest number of fixes that are tried, enough to show whether they fit
@@ -50,14 +50,14 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
 
     Args:
         fixes: one or more fixes of the receiver.
-        times: (F,) times of the fixes [s], increasing.
-        starts: (N,) start times of the scans [s], increasing.
-        chain: (N, 3) poses of the scans.
+        times: (F,) times of the fixes [s] since the recording's start, increasing.
+        starts: (N,) start times of the scans [s] since the recording's start, increasing.
+        chain: (N, 3) poses of the scans in the map's frame [m, m, rad].
     """
     path_m = float(se2.step_lengths(chain).sum())
 
     def misfit(times: NDArray[np.float64], positions: NDArray[np.float64], *, must_fit: bool = True) -> float:
-        """Returns the median distance [m] of fixes from the trajectory; inf if it is too large and `must_fit` is set."""
+        """Returns the median distance [m] of fixes from the trajectory; inf if they do not fit it and `must_fit` is set."""
         inside = np.flatnonzero((starts[0] <= times) & (times <= starts[-1]))
         if len(inside) < FEWEST:
             return np.inf
@@ -70,7 +70,7 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
 
     plane = TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes, fixes.longitudes)
-    otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # or mirrored
+    otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # and mirrored
     found = []
     for late_s in KNOWN_S:
         mistake = f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
@@ -85,12 +85,12 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
 # Largest share of fixes that may be jumps. With more jumps the fixes are not used: even mirrored fixes, or fixes of another
 # drive, agree with a part of the trajectory by chance.
 _MOST_JUMPS = 0.25
-# Number of fixes that share one value of a receiver's wandering error in the graph, so that they outvote a jump among them.
-# The values are at least one scan apart. Over longer times the error is not constant, and the trajectory would depend on
-# where the values happen to lie: the ATE of a real drive was 0.50 m with a value every 5.4 s and 1.02 m with a value every
-# 5.5 s.
+# Number of successive fixes for which the graph has one common value of the receiver's slowly changing error, so that a jump
+# among them has little influence. The values are at least one scan apart. Over longer times the error is not constant, and
+# the trajectory would depend on where the values happen to lie: the RMS error of a real drive was 0.50 m with a value every
+# 5.4 s, and 1.02 m with a value every 5.5 s.
 _FIXES_OF_KNOT = 5
-# Fixes that wander about the trajectory by more than this [m] in a second are not used: no receiver's error wanders so fast.
+# Fixes whose error changes by more than this [m] in a second are not used: the error of no receiver changes so fast.
 _LARGEST_WALK_M = 3.0
 # If the position of the antenna is not stated, it is estimated from the fixes. The estimate is used if it is farther away
 # from the radar than this many standard deviations. Otherwise the antenna is taken to be at the radar.
@@ -98,12 +98,14 @@ _ANTENNA_APART = 3.0
 
 MIRRORED: Final = "the radar is mirrored: set sensor.clockwise: false if it is mounted upside down"
 _ROUNDS: Final = 3  # rounds of antenna and noise; they settle in fewer
-_LEAST_WALK_M: Final = 1e-4  # numerical: without it, poses of a plane that does not wander would be tied without error
+_LEAST_WALK_M: Final = 1e-4  # numerical: least standard deviation between two poses of the plane, even if it does not drift
 
 
 @dataclass(frozen=True, slots=True)
 class FixEdges:
     """GNSS fixes as edges of the pose graph: positions of scans in the tangent plane.
+
+    The pose of the tangent plane in the map is a variable that changes slowly, like the receiver's error.
 
     Args:
         scans: (F,) number of the scan whose pose each fix measures.
@@ -112,7 +114,7 @@ class FixEdges:
         noise: noise of the fixes.
         walks_m: (K - 1,) standard deviation of the change from each pose of the plane to the next [m].
         plane: the tangent plane.
-        origin: (3,) approximate pose of the tangent plane in the map.
+        origin: (3,) approximate pose of the tangent plane in the map [m, m, rad].
     """
 
     scans: NDArray[np.int64]
@@ -124,7 +126,7 @@ class FixEdges:
     origin: se2.Array
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the fixes' factors, from the tangent plane's poses e0 .. to scans, and the factors of the plane's walk."""
+        """Yields the factors between the tangent plane's poses e0 .. and scans, and between the plane's successive poses."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             yield gnss_position(E(j), X(k), pose, self.noise.white_m)
         for j, walk_m in enumerate(self.walks_m.tolist()):
@@ -136,12 +138,12 @@ class FixEdges:
             values.insert(E(j), gtsam.Pose2(*self.origin))
 
     def find_place(self, values: gtsam.Values) -> Georeference:
-        """Returns where an optimised map lies on the Earth, by the tangent plane's mean pose, since it hardly turns."""
+        """Returns where an optimised map lies on the Earth, by the mean pose of the tangent plane in the map."""
         poses = poses_of(values, len(self.walks_m) + 1, E)
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
     def count_rejected(self, values: gtsam.Values) -> int:
-        """Returns the number of jumps: fixes farther than REACH standard deviations from an optimised trajectory."""
+        """Returns the number of jumps: fixes farther than REACH standard deviations from the trajectory in `values`."""
         origins, placed = (
             np.array([pose_of(values, key(int(k))) for k in numbers]) for key, numbers in ((E, self.knots), (X, self.scans))
         )
@@ -154,7 +156,7 @@ class FixUse(Use[FixEdges]):
     """How the fixes of a GNSS receiver are used. After `judge_jumps`, the first statement says whether they are used.
 
     Args:
-        antenna: position of the antenna as the fixes show it; None if it is stated, or if the fixes are not used.
+        antenna: position of the antenna as the fixes show it; None if the position is stated, or if the fixes are not used.
         stretch: ratio of the fixes' distances to the trajectory's distances; None if another scale does not fit far better.
         is_mirrored: whether the fixes fit the mirror image of the trajectory far better, as if they turned the other way.
         mistake: a sentence on the usual mistake that explains why the fixes do not fit; "" if there is none.
@@ -182,7 +184,7 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Returns the use with the number of jumps in an optimised graph, or refuses the fixes if too many are jumps."""
+        """Counts the jumps in optimised values of a graph; returns the use with their number, or refuses too many jumps."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
@@ -196,11 +198,10 @@ class FixUse(Use[FixEdges]):
 
 
 def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None) -> FixUse:
-    """Compares fixes with the chained motions, and converts them to positions of scans if they agree.
+    """Compares fixes with the chained motions, and converts the fixes to positions of scans if they agree.
 
-    Jumps are judged afterwards by `FixUse.judge_jumps`, in the graph with the fixes.
-
-    If the position of the antenna is not stated, and the fixes do not show it, the antenna is taken to be at the radar.
+    Jumps are judged afterwards by `FixUse.judge_jumps`, in the graph with the fixes. If the position of the antenna is
+    neither stated nor shown by the fixes, the antenna is taken to be at the radar.
 
     Args:
         fixes: fixes of the receiver.
@@ -252,7 +253,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
             "their clock is not the recording's clock"
         )
     knot_s = max(_FIXES_OF_KNOT * float(np.median(np.diff(times))), float(np.median(np.diff(starts))))
-    knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # no knot for times without a fix
+    knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # there is no knot for times without a fix
     middles = np.bincount(knots, times) / np.bincount(knots)
     walks_m = np.maximum(noise.walk_m * np.sqrt(np.diff(middles)), _LEAST_WALK_M)
     scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
@@ -277,13 +278,13 @@ def _lay(
     """Aligns the trajectory with the fixes.
 
     Args:
-        sensor: (F, 3) poses of the radar at the times of the fixes, in the map's frame.
+        sensor: (F, 3) poses of the radar at the times of the fixes, in the map's frame [m, m, rad].
         antenna: (2,) position of the antenna in the radar's frame [m].
         positions: (F, 2) fixes in the tangent plane [m].
 
     Returns:
-        The positions (F, 2) of the antenna in the map [m]; the pose (3,) of the map in the tangent plane; and the residuals
-        (F, 2) of the fixes [m].
+        The positions (F, 2) of the antenna in the map [m]; the pose (3,) of the map in the tangent plane [m, m, rad]; and
+        the residuals (F, 2) of the fixes in the tangent plane [m].
     """
     on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
     lies = align(on_map, positions)
@@ -291,6 +292,6 @@ def _lay(
 
 
 def _turn(points: NDArray[np.float64], yaws: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Rotates points (N, 2) or (2,) by yaws (N,) or by one yaw [rad]."""
+    """Rotates points (N, 2) by one yaw [rad], or one point (2,) by each of yaws (N,); returns points (N, 2)."""
     c, s, x, y = np.cos(yaws), np.sin(yaws), points[..., 0], points[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)

@@ -2,20 +2,20 @@
 
 The delay of the receiver's clock is found from the straight-line distance that the vehicle covers in a few seconds. This
 distance does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes
-and turns. A drive at constant speed shows no delay, and the clock is left as it is.
+and turns. A drive at constant speed shows no delay, and the clock is then left as it is.
 
-Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The fixes therefore
-wander about the true positions, and the mean of many fixes is not much better than the mean of a few. To measure how much
-they wander, residuals from the trajectory are averaged over one, two, four and more fixes, and successive means are
-compared: for white noise their differences fall with the number of fixes in a mean, for a random walk they rise with it (as
-in the Allan variance, IEEE Std 952). The drift of the trajectory itself in this time is attributed to the receiver. A
-receiver that smooths its positions hides over short times how far it wanders over long times. If means over longer times
-differ by more than the walk that fits all times explains, the walk is therefore fitted to the longer times.
+Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The mean error of many
+fixes is therefore not much smaller than the mean error of a few. To measure this, residuals from the trajectory are averaged
+over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the means fall
+with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift of the
+trajectory itself in this time is attributed to the receiver. A receiver that smooths its positions seems to walk less over
+short times than over long times. If means over longer times differ by more than the walk that fits all times explains, the
+walk is therefore fitted to the longer times.
 
-While the vehicle turns, the antenna swings about the radar. The swing shows in the differences of successive fixes, compared
-with the motions between them: errors that wander with the satellites hardly change from one fix to the next. The pose of the
-map, a steady drift of its heading, its scale and a delay of the receiver's clock move the fixes, too, and are estimated
-together with the antenna's position. A late clock looks like an antenna farther behind as long as the speed stays the same.
+While the vehicle turns, the antenna moves around the radar. This shows in the differences of successive fixes, compared with
+the motions between them, because slow errors hardly change from one fix to the next. The map's pose, scale and
+steady drift of heading and a delay of the receiver's clock move the fixes, too, and are estimated together with the position
+of the antenna. A late clock looks like an antenna farther behind as long as the speed stays the same.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _LEAST_RESIDUAL_M: Final = 1e-6  # numerical: keeps the scale of residuals above
 
 
 def align(points: _Array, fixes: _Array) -> se2.Array:
-    """Finds the pose (3,) of a map in the tangent plane by robust least squares, which leaves jumps out.
+    """Finds the pose (3,) [m, m, rad] of a map in the tangent plane by robust least squares, in which jumps weigh little.
 
     The scale of the robust weights (Geman-McClure) is the median residual, so that up to half of the fixes may be wrong.
 
@@ -66,7 +66,7 @@ def align(points: _Array, fixes: _Array) -> se2.Array:
 
 
 def measure_residual(points: _Array, fixes: _Array) -> float:
-    """Measures the median distance [m] between fixes and the trajectory aligned with them; arguments as for `align`."""
+    """Returns the median distance [m] between fixes and the trajectory aligned with them; takes the arguments of `align`."""
     return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
 
 
@@ -74,7 +74,7 @@ def measure_stretch(points: _Array, fixes: _Array) -> float | None:
     """Measures the ratio of the fixes' distances to the trajectory's distances; takes the arguments of `align`.
 
     Returns:
-        The median ratio of pairs of fixes that are far apart; None if scaling the trajectory by this ratio does not halve
+        The median ratio over pairs of fixes that are far apart; None if scaling the trajectory by this ratio does not halve
         the median residual.
     """
     lags = [len(points) // share for share in (2, 4, 8) if len(points) // share > 0]
@@ -98,20 +98,20 @@ def is_mirrored(points: _Array, fixes: _Array) -> bool:
 
 # Largest error of the receiver's clock, late or early, that is searched [s].
 _LONGEST_DELAY_S = 3.0
-_SPAN_S: Final = 4.0  # time in which a distance is driven [s]: far longer than a search step, too short for much drift
+_SPAN_S: Final = 4.0  # time in which each distance is driven [s]: far longer than a search step, too short for much drift
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; a parabola refines the best one
 _FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
 _BETTER: Final = 0.5  # a delay is accepted if it reduces the differences to at most this share
 
 
 def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array) -> float:
-    """Finds by how much the stamps of fixes are late [s]; 0 if the drive shows no delay.
+    """Finds by how much the stamps of fixes are late [s]; negative if they are early, 0 if the drive shows no delay.
 
     Args:
-        times: (F,) times of the fixes [s], increasing.
-        positions: (F, 2) fixed positions [m].
-        starts: (N,) start times of the scans [s], increasing.
-        chain: (N, 3) poses of the scans.
+        times: (F,) times of the fixes [s] since the recording's start, increasing.
+        positions: (F, 2) fixes in the tangent plane [m].
+        starts: (N,) start times of the scans [s] since the recording's start, increasing.
+        chain: (N, 3) poses of the scans in the map's frame [m, m, rad].
     """
     ends = starts + _SPAN_S
     whole = ends <= starts[-1]
@@ -119,7 +119,7 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     driven = np.hypot(*(se2.interpolate(starts, chain, ends) - chain[whole])[:, :2].T)
 
     def find_places(wanted: _Array) -> _Array:
-        """Returns the fixed positions (M, 2) at the times wanted (M,); NaN where fixes around them are missing."""
+        """Interpolates the fixes' positions (M, 2) [m] at times (M,) [s]; NaN where fixes around a time are missing."""
         after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
         known = (times[after] - times[after - 1] < 0.5 * _SPAN_S) & (times[0] <= wanted) & (wanted <= times[-1])
         places = np.column_stack([np.interp(wanted, times, positions[:, axis]) for axis in range(2)])
@@ -141,11 +141,11 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     return float(delays[best] + (0.5 * _STEP_S * (before - after) / curvature if np.isfinite(curvature) else 0.0))
 
 
-# Longest time over which fixes are averaged to learn how their errors wander [s]. Over longer times the trajectory itself
+# Longest time over which fixes are averaged to learn how their errors change [s]. Over longer times the trajectory itself
 # drifts as much.
 _ALIKE_S = 60.0
-_FEWEST_DIFFERENCES: Final = 9  # least number of differences per fix in a mean; the median of fewer says nothing
-_OUTAGE: Final = 2.0  # if the fixes of two successive means span more usual times than this, an outage is among them
+_FEWEST_DIFFERENCES: Final = 9  # least number of differences of means, per fix in a mean; the median of fewer is uncertain
+_OUTAGE: Final = 2.0  # two successive means that take this many times their usual time contain an outage of the receiver
 _CONTRADICTION: Final = 2.0  # a difference of more standard deviations than this is not chance
 _AROUND: Final = 31  # number of fixes among which jumps are detected; fewer than half of them may be jumps
 _JUMP: Final = 9.0  # least size of a jump, in median distances from the fixes around: six standard deviations of noise
@@ -157,7 +157,7 @@ class FixNoise(NamedTuple):
 
     Args:
         white_m: standard deviation of the error that is independent from fix to fix [m].
-        walk_m: standard deviation [m] by which the rest of the error wanders in a second; it grows with the root of time.
+        walk_m: standard deviation [m] of the change of the rest of the error in a second; it grows with the root of time.
     """
 
     white_m: float
@@ -165,12 +165,12 @@ class FixNoise(NamedTuple):
 
 
 def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array) -> FixNoise:
-    """Measures the noise of fixes; a receiver is never taken to be better than it states.
+    """Measures the noise of fixes; its white part is at least as large as the receiver states.
 
     Args:
         times: (F,) times of the fixes [s], increasing.
         residuals: (F, 2) fixes minus the trajectory that is aligned with them [m].
-        stated_m: (F,) standard deviations that the receiver states [m], or NaN.
+        stated_m: (F,) standard deviations that the receiver states [m]; NaN where it states none.
     """
     own = stated_m[np.isfinite(stated_m) & (stated_m > 0.0)]
     least_m = max(float(np.median(own)) if len(own) else 0.0, _LEAST_M)
@@ -194,11 +194,12 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array) -> Fix
 
 
 def _compare_means(times: _Array, residuals: _Array) -> tuple[_Array, _Array, _Array]:
-    """Compares successive means over 1, 2, 4, 8 and more fixes; K is the number of these lengths.
+    """Compares successive means over 1, 2, 4, 8 and more fixes; takes `times` and `residuals` of `measure_fix_noise`.
 
     Returns:
-        For half the squared difference of two successive means: (K, 2) its expected value for white noise and for a walk,
-        each of variance one; (K,) its measured value [m^2]; and (K,) the standard deviation of the measured value.
+        For half the squared difference of two successive means over each of K numbers of fixes: (K, 2) the expected value
+        for white noise of variance 1 m^2, and for a walk of 1 m^2 per second; (K,) the measured value [m^2]; and (K,) its
+        standard deviation.
     """
     usual_s = float(np.median(np.diff(times)))
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])
@@ -220,7 +221,7 @@ def _compare_means(times: _Array, residuals: _Array) -> tuple[_Array, _Array, _A
 
 
 def _fit_variances(columns: _Array, measured: _Array, sigmas: _Array) -> _Array:
-    """Fits variances (C,) of zero or more, so that columns (N, C) @ variances is near measured (N,) by the sigmas (N,)."""
+    """Fits variances (C,) of zero or more by least squares: columns (N, C) @ variances = measured (N,) ± sigmas (N,)."""
     return np.asarray(nnls(columns / sigmas[:, None], measured / sigmas)[0])
 
 
@@ -231,7 +232,7 @@ _SCALED: Final = 0.1  # numerical: prior sigma of the error of the trajectory's 
 
 @dataclass(frozen=True, slots=True)
 class Antenna:
-    """The position of a GNSS antenna on the vehicle, as its fixes show it.
+    """The position of a GNSS antenna on the vehicle, as the fixes show it.
 
     Args:
         place: (2,) position in the radar's frame, forward and left [m].
@@ -258,7 +259,7 @@ def estimate_antenna(times: _Array, sensor: se2.Array, positions: _Array, noise:
     Args:
         times: (F,) times of three or more fixes [s], increasing.
         sensor: (F, 3) poses of the radar at these times, in the tangent plane [m, m, rad].
-        positions: (F, 2) fixed positions, in the tangent plane [m].
+        positions: (F, 2) fixes in the tangent plane [m].
         noise: noise of the fixes.
     """
     lasts = np.diff(times)
