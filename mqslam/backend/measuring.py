@@ -73,10 +73,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 
 
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
-    """Returns the odometry of the context; None if there is none, or if it contradicts the converged motions.
-
-    The odometry is always kept if it is itself the front end.
-    """
+    """Returns the context's odometry; None if there is none, or if it contradicts another front end's converged motions."""
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
         return odometry

@@ -1,16 +1,16 @@
-"""Calibrates a gyroscope by psi's turns, refuses it if it contradicts them, and makes edges of the pose graph from it.
+"""Calibrates a gyroscope by the front end's turns, refuses it if it contradicts them, and makes edges of the pose graph.
 
-    turn by psi = (1 + scale error) turn by the gyroscope, with its delay corrected, - bias x time + noise
+    turn by the front end = (1 + scale error) turn by the gyroscope, with its delay corrected, - bias x time + noise
 
 A turn is the angle by which the radar rotates between two successive scans. The bias may walk: it has a value at certain
 times, called knots, and is interpolated between two knots.
 
-The difference of psi's turn and the gyroscope's turn between two scans has three parts: the errors of the two scans' poses,
-which do not add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the
+The difference of the front end's turn and the gyroscope's turn has three parts: the errors of the two scans' poses, which do
+not add up over time; white noise of the rate, which adds up to a random walk of the angle; and the random walk of the
 gyroscope's bias. In the Allan variance of the rate, the first part falls with the square of the averaging time, the second
-falls with this time, and the third rises with it (IEEE Std 952). The motion of the vehicle is in both turns and cancels. The
-drift of psi's own map also acts as white noise of the rate; the drift that the graph states is not attributed to the
-gyroscope.
+part falls with this time, and the third part rises with it (IEEE Std 952). The motion of the vehicle is in both turns and
+cancels. The drift of the front end's map also acts as white noise of the rate. The drift that the graph states is
+subtracted, so that it is not taken for noise of the gyroscope.
 """
 
 from __future__ import annotations
@@ -45,27 +45,27 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 from mqslam.core.wording import describe_delay
 from mqslam.factors.gyroscope_turn import GyroscopeTurn, bias_walk, gyroscope_turn
 
-# A gyroscope is not used if its turns correlate with psi's turns by less than this. On a straight drive noise correlates
-# with some axis at some delay, but by far less.
+# A gyroscope is not used if its turns correlate with the front end's turns by less than this. On a straight drive, noise
+# correlates with some axis at some delay, but by far less.
 _LEAST_CORRELATION = 0.5
 # Largest delay of the gyroscope's clock, late or early, that needs no further evidence [s].
 _USUAL_DELAY_S = 0.3
-# A gyroscope with a larger delay is used only if its turns correlate with psi's turns by at least this: among many tried
-# delays, some fit by chance.
+# A gyroscope with a larger delay is used only if its turns correlate with the front end's turns by at least this: among many
+# tried delays, some fit by chance.
 _FAR_CORRELATION = 0.8
 
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; the calibration refines the best one
 
 
 class Turns(NamedTuple):
-    """The turns of successive motions as psi measured them.
+    """The turns of successive motions as the front end measured them.
 
     Args:
         begins, ends: (N,) beginnings and ends of the motions [s] since the recording's start.
         yaws: (N,) turns [rad].
         variances: (N,) variances of the turns [rad^2].
-        known: (N,) whether psi found each motion itself.
-        drift: random walk of the yaw of psi's own map [rad/sqrt(s)], as the graph states it.
+        known: (N,) whether each motion has the status CONVERGED.
+        drift: random walk of the yaw of the front end's map [rad/sqrt(s)], as the graph states it.
     """
 
     begins: NDArray[np.float64]
@@ -85,10 +85,10 @@ class Start(NamedTuple):
     """The starting point of the calibration of a gyroscope.
 
     Args:
-        turning: angle turned about the axis that is the radar's vertical.
-        axis: name of this axis.
+        turning: angle turned about the gyroscope's axis that is taken as the radar's vertical.
+        axis: name of this axis: `x`, `y` or `z`.
         delay_s: how late the gyroscope's clock is [s].
-        correlation: correlation of the gyroscope's turns with psi's turns; positive if both turn the same way.
+        correlation: correlation of the gyroscope's turns with the front end's turns; positive if both turn the same way.
     """
 
     turning: Turning
@@ -103,12 +103,14 @@ class Start(NamedTuple):
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns) -> Start | None:
-    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's turns; None without correlation.
+    """Finds the axis and the delay at which a gyroscope's turns correlate best with the front end's turns.
+
+    Returns None if no axis and delay give a correlation.
 
     Args:
         gyroscope: readings of the gyroscope.
         start_us: stamp [us] of the recording's time zero.
-        turns: turns of the motions that psi measured.
+        turns: turns of the motions that the front end measured.
     """
     if len(gyroscope) < 2:
         return None
@@ -124,9 +126,9 @@ def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns) -> Start | Non
 
 
 def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
-    """Returns the correlation of angles (N,) with psi's turns over the motions for which both are known.
+    """Returns the correlation of angles (N,) [rad] with the front end's turns over the motions for which both are known.
 
-    Returns None if both are known for fewer than three motions, or if one of them does not vary.
+    Returns None if both are known for fewer than three motions, or if one of the two does not vary.
     """
     both = turns.known & np.isfinite(angles)
     if both.sum() < 3:
@@ -137,7 +139,7 @@ def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
     return float(np.sum(weights * a * b) / size) if size > 0.0 else None
 
 
-_FEWEST: Final = 9  # least number of second differences per motion in a span; the median of fewer says nothing
+_FEWEST: Final = 9  # least number of second differences per motion in a span; the median of fewer is uncertain
 _SECOND_DIFFERENCE: Final = 6.0  # variance of second differences of white noise, relative to the variance of the noise
 
 
@@ -145,8 +147,8 @@ class RateNoise(NamedTuple):
     """The noise of a yaw rate.
 
     Args:
-        white: density of the white noise [rad/s/sqrt(Hz)], by which the angle walks at random: its standard deviation
-            after a second is this many rad.
+        white: density of the white noise [rad/s/sqrt(Hz)]. It makes the angle walk at random, with a standard deviation of
+            as many rad after a second.
         walk: standard deviation [rad/s] by which the bias walks in a second; it grows with the root of time.
     """
 
@@ -166,13 +168,11 @@ def measure_rate_noise(
 
     Args:
         gyroscope: readings of the gyroscope.
-        axis: number of the axis that is the radar's vertical.
-        residuals: (N,) psi's turns minus the gyroscope's turns between successive scans, with scale and clock corrected
-            [rad]; NaN where either is unknown.
+        axis: number of the gyroscope's axis that is the radar's vertical: 0 for x, 1 for y, 2 for z.
+        residuals: (N,) the front end's turns minus the gyroscope's, with scale and clock corrected [rad]; NaN where unknown.
         times: (N + 1,) starts of the scans [s].
-        drift: random walk of the yaw of psi's own map [rad/sqrt(s)].
-        most_walk: largest walk of the bias in a second [rad/s], which is assumed if the recording is too short to show the
-            walk.
+        drift: random walk of the yaw of the front end's map [rad/sqrt(s)].
+        most_walk: largest walk of the bias in a second [rad/s]; it is assumed if the recording is too short to show less.
     """
     taus, variances, counts = compute_allan_variances(residuals, times)
     if not len(taus):
@@ -188,13 +188,17 @@ def measure_rate_noise(
 def compute_allan_variances(
     residuals: NDArray[np.float64], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Computes the Allan variances of a rate from its integrals (N,) between times (N + 1,); unknown integrals are NaN.
+    """Computes the Allan variances of a rate from its integrals [rad] over successive spans of time.
 
-    Spans overlap, and each variance is computed from a median, so that a few wrong integrals have no effect.
+    The averaged spans overlap, and each variance is computed from a median, so that a few wrong integrals have no effect.
+
+    Args:
+        residuals: (N,) integrals of the rate [rad]; NaN where an integral is unknown.
+        times: (N + 1,) times [s] between which the rate was integrated.
 
     Returns:
-        The averaging times (T,) [s], each twice the one before it; the variances (T,); and the number of independent
-        differences (T,) behind each variance.
+        The averaging times (T,) [s], each about twice the one before it; the variances (T,) [rad^2/s^2]; and the number of
+        independent differences (T,) from which each variance was computed.
     """
     angles = np.concatenate([[0.0], np.cumsum(np.nan_to_num(residuals))])
     unknown = np.concatenate([[0], np.cumsum(~np.isfinite(residuals))])
@@ -214,7 +218,7 @@ def compute_allan_variances(
 
 
 def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
-    """Returns the density of the white noise in second differences of readings, in which a vehicle's motion hardly shows."""
+    """Returns the density of a rate's white noise [rad/s/sqrt(Hz)] from second differences, in which motion hardly shows."""
     second = np.diff(gyroscope.rates[:, axis], 2)
     if not len(second):
         return 0.0
@@ -242,8 +246,8 @@ class Rotation(NamedTuple):
     """The calibration that converts a gyroscope's readings to turns of the radar.
 
     Args:
-        axis: name of the gyroscope's axis that is the radar's vertical.
-        sign: -1 if this axis turns the other way than the radar, else 1.
+        axis: name of the gyroscope's axis that is the radar's vertical: `x`, `y` or `z`.
+        sign: -1 if the gyroscope turns the other way about this axis than the radar, else 1.
         scale: angle that the radar turns per angle that the gyroscope measures about this axis, after the sign [1].
         scale_sigma: standard deviation of the scale [1].
         delay_s: how late the gyroscope's clock is [s].
@@ -263,12 +267,12 @@ class Rotation(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """The result of the calibration of a gyroscope by psi.
+    """The result of the calibration of a gyroscope by the front end's turns.
 
     Args:
         rotation: the calibration.
-        raw: (N,) the gyroscope's turns in psi's motions, with sign and delay corrected [rad]; NaN where they are unknown.
-        residuals: (N,) psi's turns minus the fully calibrated turns of the gyroscope [rad]; NaN where either is unknown.
+        raw: (N,) the gyroscope's turns, with sign and delay corrected [rad]; NaN where they are unknown.
+        residuals: (N,) the front end's turns minus the gyroscope's fully calibrated turns [rad]; NaN where unknown.
     """
 
     rotation: Rotation
@@ -277,12 +281,12 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = slice(None)) -> Calibrated:
-    """Calibrates a gyroscope by psi's turns.
+    """Calibrates a gyroscope by the front end's turns.
 
     Args:
         gyroscope: readings of the gyroscope.
         start: the gyroscope's axis and approximate delay.
-        turns: turns of the motions that psi measured.
+        turns: turns of the motions that the front end measured.
         some: slice of the motions that are used.
     """
     turns = turns.take(some)
@@ -334,9 +338,9 @@ class TurnEdges:
         lasts: (N,) durations of the turns [s].
         sigmas: (N,) standard deviations of the turns [rad].
         knots: (N,) number of the bias that applies to each turn.
-        walks: (K - 1,) standard deviations of the change from each bias to the next [rad/s].
+        walks: (K - 1,) standard deviations of the change from each of K biases to the next [rad/s].
         bias, scale_error: starting values of the optimisation [rad/s], [1].
-        sigma_bias, sigma_scale: standard deviations of their priors [rad/s], [1].
+        sigma_bias, sigma_scale: standard deviations of the priors of bias and scale error [rad/s], [1].
     """
 
     turns: NDArray[np.float64]
@@ -358,7 +362,7 @@ class TurnEdges:
         """Yields the factors of the turns and of the walk of the bias, and the prior of bias and scale error.
 
         Args:
-            chain: (N + 1, 3) poses of the scans, whose yaws are right to within pi [rad].
+            chain: (N + 1, 3) approximate poses of the scans [m, m, rad]; the error of each yaw must be less than pi.
         """
         for k in np.flatnonzero(np.isfinite(self.turns)).tolist():
             turn = GyroscopeTurn(float(self.turns[k]), float(self.lasts[k]), float(self.sigmas[k]))
@@ -380,7 +384,7 @@ DELAY_TOLERANCE_S = 0.01
 # would be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
-_LEAST_VARIANCE: Final = 1e-14  # numerical: least variance of a turn, for turns that psi states without error
+_LEAST_VARIANCE: Final = 1e-14  # numerical: variance of a turn [rad^2] that the front end states without error
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,7 +399,7 @@ class GyroscopeUse(Use[TurnEdges]):
 
 
 def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
-    """Compares a gyroscope with psi's motions and calibrates it; the result holds its turns if the two agree.
+    """Compares a gyroscope with the front end's motions and calibrates it; the result has edges if the two agree.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -427,9 +431,9 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
 
 
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
-    """Returns the radar's turns by a calibrated gyroscope; None if the gyroscope does not agree with psi's motions.
+    """Returns the radar's yaw rates by a calibrated gyroscope; None if it does not agree with the front end's motions.
 
-    It takes the arguments of `join_gyroscope`.
+    The arguments are those of `join_gyroscope`.
     """
     use = join_gyroscope(gyroscope, start_us, motions, drift)
     rotation = use.rotation
@@ -490,13 +494,13 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope as edges; the noise of a turn that contradicts psi is as large as the difference."""
+    """Returns the turns of a gyroscope as edges. A turn that contradicts the front end gets the difference as its sigma."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2
     wild = squares > WILD**2 * (turns.variances + white)
     knots = np.floor((turns.begins - turns.begins[0]) / KNOT_S).astype(np.int64)
-    knots = np.unique(knots, return_inverse=True)[1]  # no knot for times in which no motion begins
+    knots = np.unique(knots, return_inverse=True)[1]  # there is no knot for times in which no motion begins
     middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))
     return TurnEdges(
         turns=found.raw,

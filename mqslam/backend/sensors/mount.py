@@ -1,10 +1,10 @@
 """Estimates the pose of the radar on the vehicle from odometry, compares it with the stated pose, and describes it in words.
 
-The radar and the vehicle turn by the same angle, so that psi's yaw, which is far more accurate than wheel odometry, is used
-for both. Turns show the radar's position: a radar ahead of the point whose motion odometry reports moves sideways in a turn,
-and a radar to the left of this point moves slower in a left turn. Any drive shows the radar's yaw, since the vehicle moves
-along its own x axis. The point whose motion wheel odometry reports is usually halfway between the rear wheels. If the tyres
-slip sideways in fast turns, the estimate of this point shifts.
+The radar and the vehicle turn by the same angle. Since the front end measures this angle far more accurately than wheel
+odometry, the front end's yaw is used for both. Turns show the position of the radar: a radar ahead of the point whose motion
+odometry reports moves sideways in a turn, and a radar to the left of this point moves slower in a left turn. Any drive shows
+the radar's yaw, since the vehicle moves along its own x axis. The point whose motion wheel odometry reports is usually
+halfway between the rear wheels. If the tyres slip sideways in fast turns, the estimate of this point shifts.
 
     travel of the radar = rotation by minus the mount's yaw (scale * travel of the vehicle + swing of the mount's position)
 """
@@ -41,9 +41,9 @@ from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
 
 # Standard deviation [m] of the estimated position of the radar by errors of psi that are the same whenever the vehicle
-# turns: 0.015 to 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by random errors.
+# turns: 0.015 to 0.028 was found in simulated streets. Its square is added to the variance by random errors.
 _COMMON_M = 0.03
-# Standard deviation [rad] of the estimated yaw of the radar by such errors: 0.0001 to 0.0005 was found in these streets.
+# Standard deviation [rad] of the estimated yaw of the radar by the same errors: 0.0001 to 0.0005 was found in these streets.
 _COMMON_RAD = 0.0005
 
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
@@ -56,7 +56,7 @@ class MountEstimate:
 
     Args:
         pose: (3,) pose of the radar in the vehicle's frame [m, m, rad].
-        sigmas: (3,) standard deviations of its components, along the vehicle's axes and in yaw [m, m, rad].
+        sigmas: (3,) standard deviations of the pose along the vehicle's axes and in yaw [m, m, rad].
     """
 
     pose: se2.Array
@@ -69,7 +69,7 @@ def estimate_mount(
     stated: OdometryConfig,
     mount: se2.Array = AT_ORIGIN,
 ) -> MountEstimate | None:
-    """Estimates the pose of the radar on the vehicle from motions that psi found itself; None if these are too few.
+    """Estimates the pose of the radar on the vehicle; None without odometry or with too few converged motions.
 
     A stated mount does not influence the estimate, so that the two can be compared.
 
@@ -77,7 +77,7 @@ def estimate_mount(
         odometry: motions of odometry, converted to motions of the radar.
         measured: motions of the front end over the same scans.
         stated: the settings of odometry, which state its errors.
-        mount: (3,) pose of the radar on the vehicle, with which odometry's motions were converted.
+        mount: (3,) pose of the radar on the vehicle [m, m, rad], with which odometry's motions were converted.
     """
     (seen, _, variances, converged), (given, lasts, noise, _) = Motions.of(measured), Motions.of(odometry)
     if not odometry or converged.sum() < FEWEST:
@@ -85,7 +85,7 @@ def estimate_mount(
     variances = variances + _LEAST_VARIANCE
     twists = se2.log(se2.compose(se2.compose(mount, given), se2.inverse(mount)))
     twists[:, 2] = seen[:, 2]
-    vehicle = se2.exp(twists)  # the vehicle's motions with psi's turns, which also bend the travel
+    vehicle = se2.exp(twists)  # the vehicle's motions with the front end's turns, which also bend the travel
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(float(lasts.sum()), 1e-9))))
     prior = np.diag(1.0 / np.square([max(stated.sigma_travel, _LEAST_VARIANCE), DELAY_S, MOUNT_M, MOUNT_M, np.pi]))
     aside = np.sum((seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])[converged])
@@ -95,7 +95,7 @@ def estimate_mount(
         design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)), np.empty(0))
         usual = np.array([0.0, 0.0, *se2.inverse(pose)[:2], 0.0])  # mean of the prior of the parameters
         misses = seen - carried
-        misses[:, 2] = 0.0  # both motions have psi's yaw
+        misses[:, 2] = 0.0  # both motions have the front end's yaw
         misses[~converged] = np.nan
         found = fit(design, misses - design.jacobians @ usual, variances, noise, prior)
         parameters = found.parameters + usual
@@ -147,7 +147,7 @@ def find_mount(
 
     Args:
         mount: the stated mount, or None.
-        odometry: motions of odometry, converted to motions of the radar with the stated mount.
+        odometry: motions of odometry, converted to motions of the radar with the stated mount; empty without odometry.
         measured: motions of the front end over the same scans.
         stated: the settings of odometry, which state its errors.
     """
@@ -169,7 +169,10 @@ def find_mount(
 
 
 def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:
-    """Describes odometry's estimate if it contradicts the stated mount; None if they agree."""
+    """Describes odometry's estimate if it contradicts the stated mount; returns None if the two agree.
+
+    `limits` (3,) are the standard deviations [m, m, rad] below which a component of the estimate is compared.
+    """
     own = np.array([SIGMA_MOUNT_M, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD])
     known = estimate.sigmas < limits
     if not np.any(known & (np.abs(se2.subtract(estimate.pose, mount.pose)) > _BEYOND * np.hypot(own, estimate.sigmas))):
@@ -179,7 +182,7 @@ def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.flo
 
 
 def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
-    """Describes in a sentence where the radar sits according to odometry."""
+    """Describes in a sentence where the radar sits according to odometry, from `pose` and `sigmas` as in `MountUse`."""
     if np.isnan(pose).all():
         return "odometry does not show where the radar sits: the vehicle drives too little where psi finds motions"
     if np.isnan(pose[0]):
@@ -196,14 +199,14 @@ def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
 
 
 def _describe_origin(sigmas: NDArray[np.float64]) -> str:
-    """Describes a radar at the vehicle's origin, with standard deviations (3,), in words."""
+    """Describes a radar at the vehicle's origin, with the standard deviations (3,) of its pose [m, m, rad], in words."""
     x, y, yaw = sigmas
     turned = "" if np.isnan(yaw) else f", not turned (± {np.degrees(yaw):.2g} deg)"
     return f"at the vehicle's origin (± {x:.2g} m ahead, ± {y:.2g} m to the left){turned}"
 
 
 def _describe_pose(pose: se2.Array, sigmas: NDArray[np.float64] | None = None) -> str:
-    """Describes the known components of a pose on a vehicle in words, with standard deviations if there are any."""
+    """Describes the known components of a pose (3,) [m, m, rad] on a vehicle in words, with any standard deviations (3,)."""
     x, y, yaw = pose
     sure = ["", "", ""]
     if sigmas is not None:

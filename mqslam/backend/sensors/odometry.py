@@ -1,4 +1,4 @@
-"""Refuses odometry of other sensors if it contradicts the turns that psi found; else calibrates it and makes graph edges."""
+"""Compares odometry with the front end's turns: refuses it if it contradicts them, else makes calibrated graph edges."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ LEAST_SPEED: Final = 1.0
 """Speed [m/s] above which a wrong scale of odometry, or a wrong length of the range bins, shows."""
 _SPAN_S: Final = 1.0  # time over which turns are compared [s]: long enough for turns to exceed the errors of motions
 _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of the odometry
-_CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger
-_FEWEST: Final = 3  # contradictions in fewer turns than this may be slip or errors of psi
+_CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger turn
+_FEWEST: Final = 3  # contradictions in fewer turns than this may be slip or errors of the front end
 _MEANINGS: Final = {
     -1.0: "it turns the other way than the {sensor}: mend its yaw{or_mirror}",
     np.pi / 180.0: "its turns agree with the {sensor}'s if they are in degrees: convert its yaw rates to rad/s",
@@ -54,9 +54,9 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, which
-            then shows this already.
-        where: describes how often the odometry contradicts the radar.
+        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, since
+            the gyroscope is counted already.
+        where: words for the number of seconds in which the odometry contradicts the radar.
     """
 
     statement: str
@@ -67,14 +67,16 @@ class OdometryFault:
 def find_odometry_fault(
     odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig, sensor: str = RADAR
 ) -> OdometryFault | None:
-    """Finds out whether and why odometry contradicts the turns that psi found itself; None if it agrees with them.
+    """Finds out how odometry contradicts the turns of the front end's converged motions.
+
+    Returns None if the two do not contradict each other, or if too few motions turn to show this.
 
     Args:
         odometry: poses of the odometry, which cover the recording.
         start_us: stamp [us] of the recording's time zero.
         measured: motions of the front end.
         stated: the settings of odometry, which state its errors.
-        sensor: what the statement calls the sensor whose motions these are.
+        sensor: name of the sensor that took the recording, for the statement.
     """
     rows = [(m.t0, m.t1, m.pose[2]) for m in measured if m.status is Status.CONVERGED]
     begins, ends, yaws = np.array(rows, dtype=np.float64).reshape(-1, 3).T
@@ -104,7 +106,7 @@ def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float6
     Args:
         turned: (N,) turn of the radar in each span [rad].
         stated_turns: (N,) turn of odometry in each span [rad].
-        least: smaller turns are not compared [rad].
+        least: two turns that are both smaller than this [rad] are not compared.
 
     Returns:
         The number of spans in which the two turns contradict each other and one of them is larger than `least`, and the
@@ -116,7 +118,7 @@ def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float6
 
 
 _SAME_RAD: Final = 1e-6  # turns of odometry and of the gyroscope that it was made with differ by rounding only
-_UNKNOWN: Final = 1e6  # numerical: variance of a turn that has no effect
+_UNKNOWN: Final = 1e6  # numerical: variance of a turn [rad^2] so large that the turn has no effect
 
 
 def takes_turns_of(gyroscope: Gyroscope, start_us: int, odometry: Sequence[Measurement]) -> bool:
@@ -145,8 +147,8 @@ def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
 ODOMETRY = "odometry"
 # Variances [m^2, m^2, rad^2] so large that a motion between two successive scans has no effect in the graph.
 _WORTHLESS = np.diag([100.0, 100.0, 10.0])
-# A motion of odometry contradicts the scans if the squared difference, in units of its covariance, is larger than this. One
-# in a thousand right motions is so by chance.
+# A motion of odometry contradicts the front end's motion if their squared Mahalanobis distance is larger than this. One in a
+# thousand right motions exceeds it by chance.
 _CHANCE: Final = float(chi2.ppf(0.999, 3))
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
@@ -176,7 +178,7 @@ def hold_odometry(
     if fault is None:
         return motions, None
     if gyroscope is not None and takes_turns_of(gyroscope, context.start_us, motions):
-        fault = replace(fault, is_opposite=False)  # the gyroscope shows this already
+        fault = replace(fault, is_opposite=False)  # the gyroscope is counted already
     return [], fault
 
 
@@ -191,18 +193,18 @@ def make_odometry_edges(
     stated: OdometryConfig,
     mount: Mount | None = None,
 ) -> list[Measurement]:
-    """Calibrates odometry by the motions that psi found itself; returns its motions with the covariances that remain.
+    """Calibrates odometry by the front end's converged motions; returns corrected motions with the remaining covariances.
 
     The graph takes the errors of its edges as independent, while an error of the calibration is common to all edges. Over a
     stretch of n edges a common error grows with n, but independent errors grow only with the root of n. Each edge therefore
-    gets a larger variance, so that the whole stretch has the right uncertainty. A stretch lasts for as long as psi finds all
-    motions itself, or finds none, and for at least `SPAN_S`.
+    gets a larger variance, so that the whole stretch has the right uncertainty. A stretch ends where the motions begin or
+    cease to be converged, but has at least the duration `SPAN_S`.
 
-    Where psi did not find a motion itself, it used odometry's motion, which shows nothing about odometry's errors. If psi
-    found too few motions, odometry keeps its stated errors.
+    Where a motion is not converged, the front end may have used odometry's motion, which shows nothing about odometry's
+    errors. If too few motions are converged, odometry keeps its stated errors.
 
     Args:
-        odometry: motions of odometry, converted to motions of the radar if its mount is known.
+        odometry: motions of odometry, converted to motions of the radar if its mount is known; empty without odometry.
         measured: motions of the front end over the same scans.
         stated: the settings of odometry, which state its errors.
         mount: pose of the radar on the vehicle with which the motions were converted; None if they were not converted.
@@ -227,7 +229,8 @@ def make_odometry_edges(
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there odometry errs as much, but psi does not show it
+    # where motions are not converged, odometry disagrees with the truth as much, but the front end does not show it
+    disagreement[~converged] = disagreement[converged].mean(axis=0)
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
@@ -235,8 +238,8 @@ def make_odometry_edges(
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
     """Gives odometry's motions that the front end contradicts such large covariances that they have no effect in the graph.
 
-    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's, or if it matches
-    at a pose farther away than the usual errors of this odometry explain.
+    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's pose. It is also
+    contradicted if the scan matches at a pose farther away than the usual errors of this odometry explain.
 
     Args:
         odometry: motions of odometry; there may be none.
@@ -264,8 +267,8 @@ def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], spa
     """Returns variances (N, 3) of motions, whose sum over a stretch is the square of the sum of `sigmas` over the stretch.
 
     Args:
-        sigmas: (N, 3) standard deviations of motions by errors that are common to all motions.
-        converged: (N,) whether psi found each motion itself; a stretch ends where this changes.
+        sigmas: (N, 3) standard deviations [m, m, rad] of motions by errors that are common to all motions.
+        converged: (N,) whether each motion has the status CONVERGED; a stretch ends where this changes.
         span: number of motions in the shortest stretch.
     """
     kernel = np.ones(span)
@@ -279,7 +282,7 @@ def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], spa
 def _state(
     odometry: Sequence[Measurement], corrections: NDArray[np.float64], variances: NDArray[np.float64]
 ) -> list[Measurement]:
-    """Returns the motions with corrections (N, 3) added and with new variances (N, 3)."""
+    """Returns the motions with corrections (N, 3) [m, m, rad] added to their poses, and with new variances (N, 3)."""
     return [
         replace(motion, pose=motion.pose + correction, covariance=np.diag(variance + _LEAST_VARIANCE))
         for motion, correction, variance in zip(odometry, corrections, variances, strict=True)
