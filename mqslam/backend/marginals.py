@@ -22,7 +22,7 @@ _DISAGREEMENT: Final = 1e-4
 
 _PLANAR: Final = np.eye(6)[[3, 4, 2]]  # (3, 6) matrix that picks x, y and yaw from roll, pitch, yaw, x, y and z
 
-TOO_UNEQUAL: Final = "floating-point precision does not suffice for edges this unequal"  # why covariances are not known
+TOO_UNEQUAL: Final = "the accuracies of the graph's factors differ too much for floating-point numbers"
 
 
 @dataclass(frozen=True, slots=True)

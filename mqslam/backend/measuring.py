@@ -62,7 +62,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
     measurements = list(live.follow(measure_motions(name, context, scans)))
     if any(motion.status is not Status.CONVERGED for motion in measurements):
         odometry, turning = _drop_contrary(name, context, measurements), None
-        with runner.tolerate("the gyroscope's part in tracking"):
+        with runner.tolerate("the yaw rates of the gyroscope for tracking"):
             turning = _find_help(name, scans, context, measurements)
         if turning is not None or odometry is not context.odometry:
             live = LiveMap(scans, beam, runner)

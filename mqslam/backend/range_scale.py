@@ -167,7 +167,7 @@ def join_at_scale(
         The trajectory with the other sensors in its graph, and the scale of the ranges.
     """
     joined = join(1.0)
-    with runner.tolerate("the scale of the ranges by other sensors"):
+    with runner.tolerate("the estimate of the range scale by other sensors"):
         shown = None if scale == NOT_OF_RADAR else ShownScale.by(joined, settings.sigma_travel)
         if shown is not None:
             factor, again = 1.0, joined

@@ -121,7 +121,7 @@ def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: 
 
 
 EVERY_SCAN_M: Final = 1e-3
-"""Path between the scans that are registered [m]: so short that only scans of a standing radar are left out."""
+"""Path [m] between the scans that are registered. It is so short that only scans of a standing radar are left out."""
 # A scan that psi moves farther than this [m] away from its pose with the loops is not used.
 _ASIDE_M = 0.5
 # The rounds end once no scan moves relative to the earlier pass by more than this many standard deviations.

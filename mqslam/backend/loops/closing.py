@@ -397,7 +397,7 @@ class LoopCloser:
         self.join([loop for loop in kept if (loop.earlier, loop.later) not in before])
         added = {(loop.earlier, loop.later) for loop in self.loops} - before
         self._decided |= added
-        _log.info("%d loops by recognition of places, %d places look like several", len(added), self._alike)
+        _log.info("recognition of places adds %d loops; %d submaps match several places", len(added), self._alike)
         return bool(added)
 
     def start_from(self, first: Sequence[Loop]) -> None:
@@ -417,7 +417,7 @@ class LoopCloser:
         ambiguous, implausible = self._ambiguous + self._alike, len(self._implausible) + self._elsewhere
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
-        _log.info("%d pairs match at several places, %d at an implausible one", ambiguous, implausible)
+        _log.info("%d pairs match at several places, %d only where the trajectory rules it out", ambiguous, implausible)
         return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
 
     def _compare(self, chain: Chain) -> list[Loop]:

@@ -62,7 +62,7 @@ SIGMA_MOUNT_M = 0.05
 SIGMA_MOUNT_RAD = 0.01
 
 AT_ORIGIN: Final = np.zeros(3)
-"""The mount of a radar whose mount is unknown: the motions of odometry are then taken as the radar's own motions."""
+"""Stands for an unknown mount of the radar: the motions of odometry are then taken as the radar's own motions."""
 _COMMON: Final = 5  # number of parameters with one value for the whole run; the biases come after them
 DELAY_S: Final = 0.1  # prior standard deviation of a delay [s]: no usable clock is off by much more
 MOUNT_M: Final = 2.0  # prior standard deviation of the radar's distance from the point that odometry tracks [m]

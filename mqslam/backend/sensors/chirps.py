@@ -146,7 +146,7 @@ def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: N
         return None
     scale = 1.0 + float(found.parameters[0])
     if not 1.0 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
-        return f"the radar travels {scale:.3g} times as far as they say; the Doppler shift of its chirps may be wrong"
+        return f"the radar goes {scale:.3g} times as far as the velocities say; the Doppler shift of its chirps may be wrong"
     wild = float(np.mean(np.any(residuals**2 > WILD**2 * variances, axis=1)))
     if wild > MOST_WILD:
         return f"they contradict the radar's map in {wild:.0%} of the motions"

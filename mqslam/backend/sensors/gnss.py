@@ -73,7 +73,7 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
     otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # and mirrored
     found = []
     for late_s in KNOWN_S:
-        mistake = f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
+        mistake = f"their stamps seem to be {describe_offset(late_s)}: add {-late_s:.0f} s to them"
         found.append((misfit(times - late_s, positions), mistake))
     if np.abs(fixes.longitudes).max() <= 90.0:
         swapped = TangentPlane(plane.longitude, plane.latitude).project(fixes.longitudes, fixes.latitudes)
@@ -189,7 +189,7 @@ class FixUse(Use[FixEdges]):
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
         if jumps > _MOST_JUMPS * number:
-            why = f"{jumps} of {number} contradict the radar's motion at every pose of the map"
+            why = f"{jumps} of {number} contradict the radar's motion, wherever the map is placed on the Earth"
             return self.refuse(why)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
         rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
@@ -223,7 +223,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
         use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
     delay_s = find_fix_delay(times, positions, starts, chain)
     if fixes.own_clock and not delay_s:
-        return use.refuse("they have another clock than the radar, and the drive does not show its offset")
+        return use.refuse("they have another clock than the radar, and the drive does not show the offset of the clocks")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < FEWEST:
@@ -266,7 +266,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     if found is not None and found.significance > _ANTENNA_APART:
         x, y = found.place
         corrections.append(
-            f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
+            f"the GNSS fixes show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
             f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
         )
     return replace(use, statements=tuple(corrections), edges=edges, antenna=found)

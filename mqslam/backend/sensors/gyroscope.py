@@ -422,7 +422,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     found = calibrate(gyroscope, start, turns)
     both = int(np.isfinite(found.residuals).sum())
     if both < FEWEST_MOTIONS:
-        return refuse(f"both it and the radar measured only {both} turns, and {FEWEST_MOTIONS} are needed")
+        return refuse(f"only {both} turns were measured by both it and the radar, and {FEWEST_MOTIONS} are needed")
     why = _find_fault(gyroscope, start, turns, found)
     if why is not None:
         return refuse(why, found.rotation)
@@ -451,8 +451,8 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
         return "its turns do not follow the radar's turns, or the radar turned too little to show whether they do"
     if not 1.0 / LARGEST_SCALE <= rotation.scale <= LARGEST_SCALE:
         is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
-        unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
-        return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
+        unit = ", as if its rates were in degrees per second; convert them to rad/s" if is_degrees else ""
+        return f"the radar turns {rotation.scale:.3g} times as far as the gyroscope says{unit}"
     if rotation.scale_sigma > _LARGEST_SCALE_SIGMA:
         return (
             f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
@@ -482,7 +482,8 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
         sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")
     if rotation.sign < 0.0:
         sentences.append(
-            "the gyroscope turns the other way than the radar: it is taken to be mounted upside down, unless the radar is"
+            "the gyroscope turns the other way than the radar: it is taken to be mounted upside down; if the radar is "
+            "mounted upside down instead, set sensor.clockwise: false"
         )
     if abs(rotation.delay_s) > max(TOLD_SIGMAS * rotation.delay_sigma_s, DELAY_TOLERANCE_S):
         sentences.append(f"the gyroscope's clock is {describe_delay(rotation.delay_s)}, which is put right")

@@ -39,7 +39,7 @@ _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw ra
 _CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger turn
 _FEWEST: Final = 3  # contradictions in fewer turns than this may be slip or errors of the front end
 _MEANINGS: Final = {
-    -1.0: "it turns the other way than the {sensor}: mend its yaw{or_mirror}",
+    -1.0: "it turns the other way than the {sensor}: change the sign of its yaw{or_mirror}",
     np.pi / 180.0: "its turns agree with the {sensor}'s if they are in degrees: convert its yaw rates to rad/s",
     -np.pi / 180.0: (
         "its turns agree with the {sensor}'s if they are mirrored and in degrees: convert its yaw rates to rad/s"
@@ -89,7 +89,7 @@ def find_odometry_fault(
     contrary, turns = _count_contrary(turned, stated_turns, least)
     if turns < _FEWEST or 2 * contrary <= turns:
         return None
-    meant = "the two have little in common; it may be from another drive, or have another clock or order of quaternions"
+    meant = "the two have little in common; it may be of another drive, have another clock, or order quaternions otherwise"
     opposite = False
     for factor, meaning in _MEANINGS.items():
         off, seen = _count_contrary(turned, factor * stated_turns, least)

@@ -80,7 +80,8 @@ def test_at_constant_speed_a_late_clock_may_look_like_an_antenna_behind() -> Non
 def test_fixes_are_carried_from_an_antenna_that_they_show_elsewhere() -> None:
     use = join((-1.5, 0.6), 0.35)
     assert use.edges is not None and use.antenna is not None
-    assert use.statements[0].startswith("they show that the antenna sits 1.") and "behind the radar" in use.statements[0]
+    assert use.statements[0].startswith("the GNSS fixes show that the antenna sits 1.")
+    assert "behind the radar" in use.statements[0]
     assert use.edges.noise.white_m < 0.36
 
 

@@ -78,7 +78,7 @@ def test_what_is_wrong_all_the_time_is_put_right(chirps: Chirps) -> None:
 @pytest.mark.parametrize(
     ("chirps", "why"),
     [
-        (Chirps(scale=2.0), "0.5 times as far as they say; the Doppler shift of its chirps may be wrong"),
+        (Chirps(scale=2.0), "0.5 times as far as the velocities say; the Doppler shift of its chirps may be wrong"),
         (Chirps(scale=-1.0), "the Doppler shift of its chirps may be wrong"),
     ],
 )

@@ -57,7 +57,7 @@ def joined(fixes: Fixes) -> FixUse:
 )
 def test_a_clock_that_is_off_by_a_usual_time_is_named(late_s: float, said: str) -> None:
     use = joined(fixed(late_s))
-    assert use.mistake == f"they fit if their stamps are {said}"
+    assert use.mistake == f"their stamps seem to be {said}"
     assert use.edges is not None or use.statements[0].endswith(use.mistake)
 
 

@@ -83,7 +83,7 @@ def test_what_is_wrong_all_the_time_is_put_right_and_said(unit: Unit, said: str)
 @pytest.mark.parametrize(
     ("unit", "why"),
     [
-        (Unit(scale=57.3), "as if it were in degrees per second"),
+        (Unit(scale=57.3), "as if its rates were in degrees per second"),
         (Unit(scale=0.5), "the radar turns 2 times as far"),
         (Unit(late_s=4.0), "late or more|do not follow|contradicts|times as far"),
         (Unit(clock_rate=1.001), "its clock runs at another rate|contradicts"),

@@ -43,7 +43,7 @@ def test_odometry_that_turns_as_the_radar_does_is_used(scale: float) -> None:
 @pytest.mark.parametrize(
     ("factor", "said", "is_opposite"),
     [
-        (-1.0, "the other way than the radar: mend its yaw, or set sensor.clockwise: false", True),
+        (-1.0, "the other way than the radar: change the sign of its yaw, or set sensor.clockwise: false", True),
         (180.0 / np.pi, "its turns agree with the radar's if they are in degrees", False),
         (-180.0 / np.pi, "its turns agree with the radar's if they are mirrored and in degrees", True),
         (0.0, "little in common", False),
@@ -60,7 +60,7 @@ def test_a_lidar_is_called_a_lidar_and_no_setting_mirrors_it() -> None:
     found = find_odometry_fault(drive(-yaw_at(TIMES)), START_US, measured(COUNT), STATED, "lidar")
     assert found is not None and "radar" not in found.statement
     assert "it contradicts the lidar in" in found.statement
-    assert found.statement.endswith("it turns the other way than the lidar: mend its yaw")
+    assert found.statement.endswith("it turns the other way than the lidar: change the sign of its yaw")
 
 
 def test_odometry_of_another_time_is_not_used() -> None:
