@@ -81,7 +81,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
 
 class Uncertainty:
-    """Computes covariances of the poses of a graph. The graph is eliminated once the first covariance is asked for.
+    """Computes covariances of the poses of a graph. The graph is eliminated when the first covariance is asked for.
 
     Args:
         graph: the graph; its factors may also involve variables other than the poses.

@@ -98,8 +98,8 @@ def optimise(graph: PoseGraph) -> Optimum:
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
-    far from the optimum. If a loop ends with hardly any influence, the graph is first optimised with Huber's loss for loops,
-    and then again from there. The better one of the two optima is returned.
+    far from the optimum. If a loop ends with hardly any influence, the graph is optimised again with Huber's loss for loops,
+    and from there with its own losses. The better one of the two optima is returned.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)
@@ -140,7 +140,7 @@ def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> 
 
 
 def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
-    """Returns the pose of a key, x [m], y [m], yaw [rad]; a pose in space is seen from above."""
+    """Returns the pose of the variable with a key, x [m], y [m], yaw [rad]; a pose in space is seen from above."""
     try:
         pose = values.atPose2(key)
     except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is

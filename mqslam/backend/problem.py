@@ -148,7 +148,7 @@ class GivenGraph(GraphProblem):
     """A trajectory that is optimised by a given GTSAM graph of any factors.
 
     Args:
-        factors: all factors except those of loops; they must determine all variables.
+        factors: all factors except the factors of loops and ties; they must determine all variables.
         values: starting values of all variables.
         keys: (N,) key of the pose of each scan.
         lift: converts a factor between planar poses to a factor between poses of the graph.

@@ -47,7 +47,7 @@ class RangeScale:
     Args:
         factor: factor by which the recording's ranges are multiplied; 1 if no other sensor contradicts them.
         sigma: standard deviation of the factor.
-        prior: standard deviation of the factor before the sensors in the graph show it; the covariances of the graph use it.
+        prior: standard deviation of the factor without the sensors in the graph; it is the graph's prior of the scale error.
         statements: sentences for the user.
     """
 

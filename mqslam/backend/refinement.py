@@ -113,7 +113,7 @@ def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], be
 
 
 def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
-    """Returns psi of a crossing's later returns among its earlier returns (a sum), and the number of the later returns."""
+    """Returns the total psi of a crossing's later returns among its earlier returns, and the number of the later returns."""
     drive, estimator, beam = shared
     earlier = make_references(render_scans(drive, crossing.earlier, beam))
     later = render_scans(drive, crossing.later, beam)

@@ -104,7 +104,7 @@ _DRIFT_GROSS = 20.0
 
 
 def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps:
-    """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
+    """Returns the submaps; the covariances of the ties between them are adapted to the drift that the run shows.
 
     Args:
         submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.

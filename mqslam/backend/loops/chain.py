@@ -57,7 +57,7 @@ class Chain:
     values: gtsam.Values
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> list[Relative]:
-        """Returns the pose of the second scan of each pair in the frame of the first, as the trajectory states it.
+        """Returns the pose of the second scan of each pair in the frame of the first scan, as the trajectory states it.
 
         Raises:
             EstimationError: the covariances cannot be computed.
@@ -72,7 +72,7 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """The uncertainty of a pair of submaps from the errors of the scans' poses within each submap.
+    """The uncertainty of the two submaps of a pair, which errors of the scans' poses within each submap cause.
 
     Args:
         earlier, later: (3, 3) covariance of each submap as a whole in its own frame [m, m, rad].
@@ -108,7 +108,7 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 
 
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
-    """Returns the layout covariance (3, 3) [m, m, rad] of the submap around each central scan, by the number of the scan.
+    """Returns the layout covariance (3, 3) [m, m, rad] of the submap around each central scan, by the number of this scan.
 
     Each side of the central scan is weighted by its share of the submap's scans, and all scans of a side are taken to have
     the uncertainty of the farthest one. `reach_m` is the path [m] from the central scan to either end of the submap.

@@ -69,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns the map with descriptors that depend on the present constants; descriptors made with others are replaced."""
+    """Returns the map with descriptors by the present constants; descriptors made with other constants are replaced."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))

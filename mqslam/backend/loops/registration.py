@@ -80,7 +80,7 @@ def align(
             None if rivals need not be known.
 
     Returns:
-        The registration; if psi has no minimum within the reach, the guess, with nothing matched and infinite psi.
+        The registration; if no minimum lies within the reach, it has the guess as pose, no matched points and infinite psi.
     """
     reach_m, reach_rad = reach
     minima = []

@@ -37,7 +37,7 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 FEWEST = 20
 # If fewer motions than this are converged, a gyroscope is not used, and velocities keep their stated errors.
 FEWEST_MOTIONS = 40
-# A sensor whose scale is off by more than this factor is not used: its unit or its Doppler shift is wrong, or it is broken.
+# A sensor whose scale is off by more than this factor is not used: it is broken, or its unit or Doppler shift is wrong.
 # Smaller errors of the scale are corrected.
 LARGEST_SCALE = 1.25
 # Largest share of motions in which a calibrated sensor may contradict the front end by more than WILD standard deviations.

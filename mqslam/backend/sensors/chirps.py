@@ -38,7 +38,7 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.core.velocity import Velocities, make_twists
 from mqslam.factors.between import psi_between
 
-# Shortest stretch [s] over which the errors of the calibration add up as a common error of all its motions.
+# Shortest stretch [s] of motions in which the error of the calibration counts as one common error.
 _SPAN_S = 10.0
 
 # Prior standard deviation of a velocity's bias [m/s]; the bias in Boreas-RT is about as large.

@@ -226,7 +226,7 @@ def _fit_variances(columns: _Array, measured: _Array, sigmas: _Array) -> _Array:
 
 
 _ANTENNA_ROUNDS: Final = 5  # rounds of fit and rejection of jumps; they settle in fewer
-_TURNED_RAD: Final = 1.0  # numerical: prior sigma of the map's yaw, far larger than its error, as the map lies on the fixes
+_TURNED_RAD: Final = 1.0  # numerical: prior sigma of the map's yaw, far larger than the error that the alignment leaves
 _SCALED: Final = 0.1  # numerical: prior sigma of the error of the trajectory's scale, which is far smaller
 
 

@@ -147,8 +147,8 @@ class RateNoise(NamedTuple):
     """The noise of a yaw rate.
 
     Args:
-        white: density of the white noise [rad/s/sqrt(Hz)]. It makes the angle walk at random, with a standard deviation of
-            as many rad after a second.
+        white: density of the white noise [rad/s/sqrt(Hz)]. The angle walks at random; after a second, its standard deviation
+            is this number [rad].
         walk: standard deviation [rad/s] by which the bias walks in a second; it grows with the root of time.
     """
 
@@ -495,7 +495,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope as edges. A turn that contradicts the front end gets the difference as its sigma."""
+    """Returns the turns of a gyroscope as edges; where a turn contradicts the front end, its sigma is the difference."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2
