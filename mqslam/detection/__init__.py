@@ -1,1 +1,1 @@
-"""Detects the returns of polar scans, and measures the sensor's velocity from alternating chirps."""
+"""The first stage of a run: detects a radar's returns and measures its velocity, or resamples the scans of a lidar."""

@@ -1,7 +1,8 @@
 """Drops returns of the mount and of the vehicle itself, which repeat at the same place in the sensor's frame.
 
-Such returns would pull every estimated motion to zero. They lie in polar cells that have returns in most scans of a
-recording. If the sensor hardly moved, the returns of the world repeat as well; then nothing is dropped.
+Such returns would pull every estimated motion to zero. The area around the sensor is divided into polar cells, each 0.5 m
+long and 2 degrees wide. A cell that has returns in most scans of a recording belongs to the vehicle, and its returns are
+dropped. If the sensor hardly moved, the returns of the world repeat as well; then nothing is dropped.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from mqslam.core.scans import Returns
 _FIXED_SCANS = 8
 # Length of the polar cells in which repeating returns are counted [m], and number of cells around the full circle.
 _FIXED_RANGE_M, _FIXED_SECTORS = 0.5, 180
-# A cell with returns in more than this share of all scans is part of the vehicle.
+# A cell with returns in more than this share of the scans is part of the vehicle. Scans without any return do not count.
 _FIXED_SHARE = 0.7
-# If more than this share of all returns repeats, the sensor stood still, and these are returns of the world.
+# If more than this share of all returns repeats, the sensor stood still, and the repeating returns are of the world.
 _FIXED_MOST = 0.2
 
 
 def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
-    """Drops from all scans the returns that repeat in the sensor's frame; returns the remaining returns of each scan."""
+    """Drops from all scans the returns that `find_fixed` finds to repeat; returns the other returns of each scan."""
     fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
@@ -36,7 +37,8 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
         scans: the returns of each scan; one scan is held in memory at a time.
 
     Returns:
-        A mask (C,) of the cells whose returns repeat, up to the last cell with a return; None if nothing is to be dropped.
+        A mask (C,), True for the cells whose returns repeat. Entry n is cell number n (`_find_cells`), up to the last cell
+        with a return. None if nothing is to be dropped: no cell repeats, there are few scans, or the sensor stood still.
     """
     scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # numbers of scans and returns per cell
     count, filled = 0, 0
@@ -56,12 +58,12 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
 
 
 def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
-    """Drops the returns of a scan that lie in the cells that `find_fixed` has found; returns the scan's other returns."""
+    """Drops a scan's returns in the cells that the mask `fixed` (C,) of `find_fixed` marks; returns the other returns."""
     return returns.take(~fixed[_find_cells(returns)])
 
 
 def _find_cells(returns: Returns) -> NDArray[np.int64]:
-    """Returns the number (N,) of the polar cell of each return."""
+    """Returns the number (N,) of each return's polar cell: 180 times its ring in range, plus its sector in azimuth."""
     column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / _FIXED_SECTORS)).astype(np.int64)
     ring = np.floor(returns.ranges / _FIXED_RANGE_M).astype(np.int64)
     return np.asarray(ring * _FIXED_SECTORS + np.minimum(column, _FIXED_SECTORS - 1), dtype=np.int64)

@@ -1,16 +1,16 @@
 """The detector: finds the returns of a polar scan in its power.
 
-In each azimuth the strongest local maxima of the smoothed power are found, with a range finer than a bin. A target is wider
-than one azimuth, so peaks of neighbouring azimuths at nearly the same range are one target. Only the strongest of them is
-kept. Its range, azimuth and time are replaced by the intensity-weighted means of this peak and its neighbours (2-D
-non-maximum suppression).
+In each azimuth the strongest local maxima (peaks) of the smoothed power are found, with a range finer than a bin. A target
+is wider than one azimuth, so peaks of neighbouring azimuths at nearly the same range are one target. Only the strongest of
+these peaks becomes a return. Its range, azimuth and time are the power-weighted means over these peaks (2-D non-maximum
+suppression).
 
-Three kinds of data are left out: azimuths that are marked invalid, saturated azimuths, in which the power of the whole row
-is raised, and rings, which are ranges with peaks at far more azimuths than the neighbouring ranges. Rings come from the
-sensor itself and would pull the estimated motion to zero.
+Three kinds of data are left out: azimuths that are marked invalid, saturated azimuths and rings. An azimuth is saturated if
+its power is raised at all ranges. A ring is a range at which far more azimuths have a peak than at neighbouring ranges.
+Rings come from the sensor itself and would pull the estimated motion to zero.
 
-Where the threshold lies in the noise, as it does with real radars, many returns are speckle. Then only the strongest returns
-of a scan are kept. All returns that stand out of the noise are kept, since they are objects, even if they are weak and far.
+With real radars the threshold lies in the noise, and many peaks are chance peaks of the noise (speckle). Therefore only the
+strongest returns of a scan are kept, and all returns that stand out of the noise, since these are objects.
 
 Lengths that depend on the objects of the world are given in metres; lengths that depend on the sensor's sampling are given
 in range bins.
@@ -29,21 +29,20 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
 
-# Number of peaks that are kept per azimuth. Weaker peaks are mostly speckle, and a beam seldom meets as many objects.
+# Largest number of peaks per azimuth. Weaker peaks are mostly speckle, and a beam seldom meets more objects.
 _PEAKS_PER_AZIMUTH = 12
 # An azimuth is saturated if its median power exceeds the median of the polar scan's azimuths by this much [0..255].
 _SATURATION = 12.0
-# A range counts as a ring of the sensor itself if more than this share of all azimuths has a peak there, and more than
-# _RING_CONTRAST times the share at the ranges around it. A wall seldom surrounds so much of the sensor at one range.
+# At a ring, more than this share of all azimuths has a peak. A wall seldom surrounds so much of the sensor at one range.
 _RING_SHARE = 0.3
 # Half width of the window that smooths power along range [m]: about the length of an echo.
 _SMOOTHING_M = 0.2
 # Peaks of neighbouring azimuths that are this close in range are one target [m].
 _JOIN_M = 0.6
-# Least distance in range bins at which such peaks are joined. The range of a peak is known to half a bin, so that the peaks
-# of one target differ by up to a bin.
+# If range bins are long, peaks of neighbouring azimuths that are this many bins apart are still one target. The range of a
+# peak is known to half a bin, so that the peaks of one target differ by up to a bin.
 _JOIN_BINS = 1.5
-# In a ring, the share of azimuths with a peak is more than this many times the share at the ranges around it.
+# At a ring, the share of azimuths with a peak is also more than this many times the share at the ranges around the ring.
 _RING_CONTRAST = 2.0
 # Number of range cells around a ring from which the usual share of peaking azimuths is taken, as their median.
 _RING_CELLS = 9
@@ -56,7 +55,7 @@ _SPREAD = (10.0, 50.0)  # the spread of the noise is the difference of these per
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0) -> Returns:
-    """Finds the returns of a polar scan; `detect_and_count` without the counts, with the same arguments."""
+    """Finds the returns of a polar scan, in the order of their times; the arguments are those of `detect_and_count`."""
     return detect_and_count(polar_scan, range_resolution, config, range_offset)[0]
 
 
@@ -69,10 +68,11 @@ def detect_and_count(
         polar_scan: times (A,) [s], azimuths (A,) [rad], power (A, B), valid (A,).
         range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) times this length.
         config: settings of the detector.
-        range_offset: true range minus the range of the bin's centre [m]; the limits of the detector are true ranges.
+        range_offset: true range minus the range of the bin's centre [m]. The ranges of the returns, and the limits in the
+            settings, are true ranges.
 
     Returns:
-        Returns in the order of their times, and the counts.
+        The returns in the order of their times, and the counts.
     """
     power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
@@ -114,16 +114,16 @@ def detect_and_count(
 
 
 def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Returns whether each azimuth (A,) is saturated: its power is raised as a whole above the rest of the polar scan."""
+    """Returns a mask (A,) of the saturated azimuths of power (A, B), whose median power is far higher than usual."""
     floor = np.median(power[:, ::_SATURATION_BINS], axis=1)
     return np.asarray(floor > np.median(floor) + _SATURATION)
 
 
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
-    """Returns the smoothed power above which a return stands out of the noise.
+    """Returns the smoothed power [0..255] above which a return stands out of the noise; 0 if there is no power.
 
-    The spread of the noise is measured below the median power, since targets only raise the power above it. Power is
-    smoothed over 2 half + 1 bins.
+    The spread of the noise is the median power minus the 10th percentile, since targets only raise the power above the
+    median. Power (A, B), of the usable azimuths and the range bins within the limits, is smoothed over 2 half + 1 bins.
     """
     if power.size == 0:
         return 0.0
@@ -143,7 +143,21 @@ def _find_peaks(
     strongest: int,
     threshold: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns ranges [bins] and smoothed powers (A, strongest) of each azimuth's strongest peaks; power 0 without a peak."""
+    """Finds the strongest peaks of each azimuth.
+
+    Args:
+        power: (A, B) received power.
+        usable: (A,) whether each azimuth is searched.
+        first: first range bin that is searched.
+        last: first range bin after the searched ones.
+        half: half width of the first of two running means that smooth the power [bins].
+        second_half: half width of the second running mean [bins].
+        strongest: K, largest number of peaks per azimuth.
+        threshold: least smoothed power of a peak.
+
+    Returns:
+        Ranges (A, K) [bins] and smoothed powers (A, K) of the peaks, in no order; both are 0 where there is no peak.
+    """
     azimuths, bins = power.shape
     ranges = np.zeros((azimuths, strongest))
     values = np.zeros((azimuths, strongest))
@@ -180,9 +194,9 @@ def _find_peaks(
 
 @nb.njit(cache=True, nogil=True)
 def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Writes running sums over 2 half + 1 bins into `out`; a sum is 0 if some of its bins lie outside the row.
+    """Writes the running sums of values (B,) over 2 half + 1 bins to `out` (B,); 0 where bins would lie outside the row.
 
-    If two such sums are taken one after the other, the weights fall from the centre to both sides, with hardly a flat top.
+    If two running sums of nearly equal width are taken one after the other, their common weights are nearly a triangle.
     """
     width = 2 * half + 1
     out[:] = 0.0
@@ -198,8 +212,8 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
     """Sets the powers of peaks on rings to 0.
 
-    At a ring, many azimuths have a peak. Where peaks are dense, as they are if range bins are long, many azimuths may have a
-    peak at any range; so a ring must also have more peaks than the ranges around it.
+    At a ring, many azimuths have a peak. If range bins are long, many azimuths may have a peak at any range. Therefore a
+    ring must also have more peaks than the ranges around it.
 
     Args:
         ranges: (A, K) ranges of the peaks [bins].
@@ -229,9 +243,17 @@ def _join_peaks(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """Joins peaks of neighbouring azimuths; returns range [m], azimuth [rad], time [s] and power (N, 4) of the targets.
+    """Joins peaks of neighbouring azimuths at nearly the same range to targets.
 
-    Two peaks are joined if their ranges differ by less than `join` [m].
+    Args:
+        ranges: (A, K) ranges of the peaks [m].
+        values: (A, K) powers of the peaks; 0 without a peak.
+        azimuths: (A,) rad.
+        times: (A,) s.
+        join: peaks whose ranges differ by less than this are joined [m].
+
+    Returns:
+        (N, 4) range [m], azimuth [rad] and time [s] of each target, and the power of its strongest peak.
     """
     out = np.empty((ranges.size, 4))
     count = 0

@@ -1,4 +1,4 @@
-"""The first stage of a radar's run: detects the returns of each polar scan and measures the sensor's velocity from it."""
+"""The first stage of a radar's run: detects the returns of each polar scan, and measures the velocity from its chirps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def detect_stretch(
     strict: bool = True,
     with_velocities: bool = False,
 ) -> Detected:
-    """Reads the polar scans start <= k < stop, detects their returns and measures the sensor's velocities.
+    """Reads the polar scans start <= k < stop, detects their returns and, if asked for, measures the sensor's velocities.
 
     Args:
         recording: the recording.
@@ -45,10 +45,13 @@ def detect_stretch(
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
         strict: whether a polar scan that cannot be read is an error; else it becomes a scan without returns.
-        with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
+        with_velocities: whether each polar scan measures the sensor's velocity, which needs alternating chirps.
+
+    Returns:
+        The returns of each polar scan, the error of each unread polar scan, the velocities, the counts and the time spent.
 
     Raises:
-        DataError: a polar scan cannot be read and `strict` is set, or the recording does not exist on this machine.
+        DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine.
     """
     scans: list[Returns] = []
     velocities: list[Velocity] = []
@@ -89,7 +92,7 @@ def detect_stretch(
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
-    """Yields, for start <= k < stop, the number k and polar scan k, or k and the error with which reading it failed."""
+    """Yields (k, polar scan k) for start <= k < stop; in place of a polar scan that cannot be read, the error."""
     k = start
     while k < stop:
         try:  # reading ends with the first error, and begins again after it
@@ -109,14 +112,17 @@ def detect_all(
     strict: bool = False,
     with_velocities: bool = False,
 ) -> tuple[Scans, Detected]:
-    """Detects the returns of all polar scans; returns the scans and the other results. Scans that cannot be read are empty.
+    """Detects the returns of all polar scans, and drops the returns that repeat in the sensor's frame.
 
     Args:
         recording: the recording.
         config: settings of the detector.
-        runner: reads polar scans and detects their returns on its workers; with None, this process does so, scan by scan.
-        strict: whether a single polar scan that cannot be read is an error.
-        with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
+        runner: reads polar scans and detects their returns on its workers; None does both in this process.
+        strict: whether a single polar scan that cannot be read is an error; else it becomes a scan without returns.
+        with_velocities: whether each polar scan measures the sensor's velocity, which needs alternating chirps.
+
+    Returns:
+        The scans, and all other results; the list of returns in the latter is empty.
 
     Raises:
         DataError: more than half of the polar scans cannot be read, or one cannot be read and `strict` is set.
@@ -136,7 +142,7 @@ def detect_all(
     stretches: list[Velocities] = []
 
     def take_in() -> Iterator[Returns]:
-        """Stores and yields the returns of one scan after the other."""
+        """Stores and yields the returns of one scan after the other, and collects the other results."""
         nonlocal counts, read_s, detect_s
         for part in parts:
             unread.update(part.unread)
@@ -163,7 +169,7 @@ def detect_all(
 
 
 def _join(stretches: list[Velocities]) -> Velocities | None:
-    """Joins the velocities of all stretches; None if they were not asked for, or if the chirps do not alternate."""
+    """Joins the velocities of all stretches; returns None if there are no stretches or if the chirps do not alternate."""
     velocities = Velocities.join(stretches) if stretches else None
     if velocities is None or not velocities.alternating:
         return None
@@ -178,7 +184,11 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a warning of one line about the polar scans that could not be read; an empty list if there are none."""
+    """Returns a list of one warning about polar scans that could not be read; an empty list if there are none.
+
+    Args:
+        unread: the error of each such polar scan, by the scan's number in the recording.
+    """
     if not unread:
         return []
     several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
@@ -188,11 +198,11 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
 
 
 def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:
-    """Makes one scan per polar scan; it lasts until the next scan starts or, before a gap or at the end, for one turn.
+    """Makes one scan per polar scan. A scan lasts until the next scan starts; before a gap or at the end, for one turn.
 
     Args:
         recording: the recording.
-        returns: returns of each polar scan of a stretch; None takes the whole recording and leaves the scans empty.
+        returns: the returns of each polar scan of a stretch; None makes empty scans for the whole recording.
         begin: number of the first polar scan of the stretch.
     """
     returns = [Returns.none()] * len(recording) if returns is None else returns

@@ -1,9 +1,12 @@
-"""The first stage of a lidar's run: resamples each scan, so that its points lie at equal distances along surfaces.
+"""The first stage of a lidar's run: leaves out scans at rest, and resamples the other scans along surfaces.
 
 Beams are spread evenly over angles, not over surfaces: hundreds of beams hit a wall beside the sensor, and a few hit a wall
-far away. Two scans of one wall from different places therefore hold different points of the wall. Between two neighbouring
-beams that hit the same surface, the surface is taken as straight. Points at equal distances along it lie equally dense,
-whatever place the scan was taken from.
+far away. Two scans of one wall from different places therefore hold different points of the wall. Resampling replaces a
+scan's returns by points at equal distances along the surfaces. The points then lie equally dense, from whatever place the
+scan was taken. Between two neighbouring beams that hit the same surface, the surface is taken as straight.
+
+All lengths here are proportional to a unit of length that is measured from the ranges, so that rooms and streets are treated
+alike.
 """
 
 from __future__ import annotations
@@ -20,8 +23,8 @@ from mqslam.core.recording import LidarRecording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
-# Two neighbouring beams hit one surface if the line between their returns has at most this angle between its normal and a
-# beam.
+# Two neighbouring beams hit one surface if the angle between a beam and the normal of the line through their returns is at
+# most this [rad].
 _STEEPEST_RAD: Final = np.radians(75.0)
 # If two successive returns are more than this many usual steps between beams apart, a beam between them had no return.
 _WIDEST_STEP = 1.5
@@ -29,23 +32,24 @@ _WIDEST_STEP = 1.5
 _NEAR = 1.0
 # Usual range of the objects that a radar sees in a street [m].
 _USUAL_RANGE_M = 20.0
-_LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
-# Distance between points, and path after which a scan is kept, both in the recording's unit; turn after which a scan is
-# kept.
+_LEAST_M: Final = 0.01  # least unit [m]; units are rounded to multiples of it
+# Distance between points, and path after which a scan is kept, both in the recording's unit; rotation after which a scan is
+# kept [rad].
 _SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
 _CHANGED = 0.4  # the sensor has moved if more than this share of the ranges differ
-# A scan that follows the scan before it within the first share of the usual time arrived late: odometry at its stamp does
-# not show whether the sensor moved. It has then moved if more than the second share of the ranges differ.
+# If the time between two successive stamps is less than the first number times the usual time, the later scan's stamp is
+# wrong, and odometry at this stamp does not show whether the sensor moved. The sensor has then moved if more than the second
+# number, a share of the ranges, differ.
 _HURRIED, _CHANGED_IN_HURRY = 0.5, 0.1
 
 
 def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
-    """Returns a scan whose returns lie at equal distances along the surfaces that the lidar's beams hit.
+    """Resamples a scan: returns a scan whose returns lie at equal distances along the surfaces that the beams hit.
 
     Args:
         scan: a lidar's scan, whose returns are in the order of their azimuths or of their times.
         step_rad: angle between neighbouring beams [rad].
-        spacing_m: distance between the points [m].
+        spacing_m: distance between the new returns [m].
     """
     seen = scan.returns
     if not len(seen):
@@ -57,7 +61,18 @@ def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
 
 @nb.njit(cache=True, nogil=True)
 def _spread(table: NDArray[np.float64], widest: float, steepest: float, spacing: float) -> NDArray[np.float64]:
-    """Spreads returns (N, 4), as range, azimuth, time and intensity, along the lines that join neighbours on one surface."""
+    """Returns points at equal distances along the lines between neighbouring returns on one surface.
+
+    Args:
+        table: (N, 4) range [m], azimuth [rad], time [s] and intensity of each return.
+        widest: largest angle between two neighbouring returns on one surface [rad].
+        steepest: largest distance between two such returns, in units of their angle times the nearer range. A distance of up
+            to `spacing` is always allowed.
+        spacing: distance between the points [m].
+
+    Returns:
+        (M, 4) points, with the columns of `table`. The first return on each surface is kept as it is.
+    """
     n = len(table)
     kept = np.empty((n + 1, 4))
     rows = [kept[0]]
@@ -95,22 +110,24 @@ def _spread(table: NDArray[np.float64], widest: float, steepest: float, spacing:
 
 @nb.njit(cache=True, inline="always")
 def _turn(azimuth: float, x: float, y: float) -> float:
-    """Returns the angle from an azimuth [rad] to the direction of a point, within half a turn."""
+    """Returns the angle [rad], in [-pi, pi), from an azimuth [rad] to the direction of a point (x, y) [m]."""
     return float((np.arctan2(y, x) - azimuth + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def find_step(scans: Scans) -> float:
-    """Returns the angle between neighbouring beams [rad]: the median angle between successive returns of a scan."""
+    """Returns the angle between neighbouring beams [rad]: the median angle between successive returns; 0 without returns."""
     steps = [np.abs(np.diff(scan.returns.azimuths)) for scan in scans if len(scan.returns) > 1]
     return float(np.median(np.concatenate(steps))) if steps else 0.0
 
 
 def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: float | None = None) -> LidarRecording:
-    """Prepares a lidar's recording for a run: resamples its points along surfaces, and leaves out scans at rest.
+    """Prepares a lidar's recording for a run: leaves out scans at rest and resamples the other scans along surfaces.
+
+    The returned recording also states its unit of length, the stamps of all scans, and the odometry.
 
     Args:
         recording: the recording as it was read.
-        odometry: poses of the sensor; None keeps all scans.
+        odometry: poses of the sensor, which show where it is at rest; None keeps all scans.
         unit_m: unit of length of the recording [m], as `measure_unit` returns it; None measures it.
     """
     unit_m, step = measure_unit(recording.scans) if unit_m is None else unit_m, find_step(recording.scans)
@@ -123,10 +140,10 @@ def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: floa
 
 
 def measure_unit(scans: Scans) -> float:
-    """Measures a lidar's unit of length [m]: in this unit its surroundings are as large as a street in metres.
+    """Measures a lidar's unit of length [m]: in this unit, its surroundings are about as large as a street is in metres.
 
-    The unit is the median range, divided by the usual range in a street. Each return is weighted by its range, since the
-    length of surface that a beam stands for grows with the range.
+    The unit is the median range divided by the usual range in a street, rounded to 0.01 m, and at least 0.01 m. In the
+    median, each return is weighted by its range, since neighbouring returns are the farther apart, the longer their ranges.
     """
     ranges = np.sort(np.concatenate([scan.returns.ranges for scan in scans]))
     surface = np.cumsum(ranges)
@@ -137,13 +154,14 @@ def measure_unit(scans: Scans) -> float:
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
     """Picks the scans between which a robot has moved or turned; scans at rest add no information.
 
-    Odometry shows whether the robot has moved. If wheels slip or stamps are wrong, changed ranges show it. The stamps of
-    scans that arrived late are wrong: such scans arrive in a burst, during which odometry seems to stand still.
+    Odometry shows whether the robot has moved. Where wheels slip or stamps are wrong, changed ranges show the motion. The
+    stamps of scans that arrived late are wrong: these stamps lie close together, so that odometry seems to stand still.
 
     Args:
         scans: all scans.
         odometry: poses of the sensor.
-        path_m: a scan is picked at this distance [m] from the last picked scan, or if ranges have changed by more than this.
+        path_m: a scan is picked if the sensor is this far [m] from the last picked scan, or if enough of the ranges have
+            changed by more than this.
         turn_rad: a scan is also picked if the sensor has turned by this much [rad] since the last picked scan.
 
     Returns:
@@ -164,7 +182,7 @@ def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: flo
 
 
 def _differ(a: Returns, b: Returns, least_m: float, share: float) -> bool:
-    """Returns whether more than a share of the ranges of two scans differ by more than `least_m`."""
+    """Returns whether more than the given share of two scans' ranges differ by more than `least_m` [m] at equal azimuths."""
     if len(a) < 2 or not len(b):
         return False
     order = np.argsort(a.azimuths)

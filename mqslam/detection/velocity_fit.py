@@ -1,17 +1,20 @@
 """Measures the sensor's velocity from the shifts between up-chirps and down-chirps of a polar scan, without a map.
 
-An echo of an object at rest lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
-first estimate is the velocity at which the sum of all azimuths' correlations is largest. Near this velocity, the shift of
-each azimuth is read off its correlation and weighted by the correlation's curvature; a robust fit leaves out traffic and
+An up-chirp is a pulse of rising frequency, a down-chirp a pulse of falling frequency. An echo of an object at rest lies
+2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. Here (vx, vy) is the sensor's velocity
+forward and to the left, and beta is the range shift per closing speed, `CHIRP_BETA`.
+
+The first estimate is the velocity at which the sum of all azimuths' correlations is largest. Near this velocity, the shift
+of each azimuth is read off its correlation and weighted by the correlation's curvature; a robust fit leaves out traffic and
 chance peaks. The covariance is estimated by a jackknife over sectors of the revolution, so that it reflects the errors of
 this scan.
 
 Source: the measurement was published by Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar
 Odometry?", RA-L 2025; the estimator is our own.
 
-The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. The range of an oblique wall also
-changes from azimuth to azimuth, which shifts echoes in the same direction at every step. So the correlations of three
-successive pairs of azimuths are added with weights of 1, 2 and 1: steady changes of range and changes of slope then cancel.
+The range of an oblique wall also changes from azimuth to azimuth. This shifts echoes in the same direction at every step,
+whereas the Doppler shift alternates. So the correlations of three successive pairs of azimuths are added with weights of 1,
+2 and 1: steady changes of range and changes of slope then cancel.
 """
 
 from __future__ import annotations
@@ -45,9 +48,9 @@ _CONTRAST = 2.0
 # behind strong targets, whose range does not change with the speed.
 _BACKGROUND_M = 0.5
 
-# The score of the best velocity must exceed the median score of all tried velocities by this many spreads of these scores
-# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities exceeds it by
-# four.
+# A velocity's sum of correlations must exceed the median sum of all tried velocities by this many spreads of these sums
+# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities exceeds the
+# median by four spreads.
 _CLEAR = 8.0
 # Prior standard deviation of the acceleration during a revolution of the radar, along each axis [m/s^2]. A vehicle seldom
 # brakes harder than this. If acceleration were not fitted, 1 m/s^2 would shift the velocity that is measured in a quarter of
@@ -62,11 +65,11 @@ _FEWEST_AZIMUTHS = 0.1
 # residuals. Traffic and chance peaks have larger residuals.
 _OUTLIER_SPREADS = 3.0
 
-# Step between the velocities that are tried first [m/s]. At a beta of 0.05 s it shifts echoes by 0.15 m, less than their
-# width.
+# Step between the velocities that are tried first [m/s]. At a beta of 0.05 s such a step shifts echoes by 0.15 m, less than
+# their width.
 _STEP_MPS = 1.5
-# The closing speed at an azimuth is searched within this difference [m/s] from the speed that the velocity so far predicts.
-# Traffic outside this window has no influence.
+# The closing speed at an azimuth is searched within this difference [m/s] from the speed that the latest velocity predicts.
+# Traffic at other speeds has no influence.
 _WINDOW_MPS = 2.5
 _ROUNDS = 2  # number of times that shifts are read near the latest velocity; after the second time they no longer change
 _STEPS, _SETTLED_MPS = 50, 1e-6  # largest number of steps of the robust fit; change of velocity [m/s] at which it ends
@@ -75,7 +78,7 @@ _LEAST_SPREAD_MPS = 1e-3  # numerical: least spread, for data without noise
 Array = NDArray[np.float64]
 
 _SPREAD = (10.0, 50.0)  # the spread of the noise in _CONTRAST is the difference of these percentiles
-_NEAR = 1.5  # azimuths more than this many usual steps apart are no neighbours: an azimuth between them is missing
+_NEAR = 1.5  # azimuths more than this many usual steps apart are no neighbours: an azimuth is missing between them
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time
 
 
@@ -84,9 +87,10 @@ class ChirpCorrelation:
     """Correlations of up-chirps with the down-chirps at neighbouring azimuths.
 
     Args:
-        azimuths: (K,) [rad] directions of the correlations.
+        azimuths: (K,) direction of each correlation [rad], counter-clockwise from straight ahead.
         times: (K,) [s] since the recording's start.
-        values: (K, 2 L + 1) correlation, -1 to 1, for down-chirps shifted by -L to L cells; 0 without echoes.
+        values: (K, 2 L + 1) correlations, -1 to 1, of up-chirps with down-chirps whose echoes lie -L to L cells farther
+            away; 0 without echoes.
         cell: length of a cell [m].
     """
 
@@ -97,7 +101,7 @@ class ChirpCorrelation:
 
     @property
     def reach(self) -> int:
-        """The largest shift [cells], L."""
+        """L, the largest shift of echoes to either side [cells]."""
         return int(self.values.shape[1]) // 2
 
     @property
@@ -139,10 +143,10 @@ def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCor
 
 
 def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -> NDArray[np.float32]:
-    """Returns by how much the power (A, C) per azimuth and range cell exceeds the noise and the average around the cell.
+    """Returns the strength (A, C) of the echoes in each range cell: power above the noise, less its average around the cell.
 
     Args:
-        power: (A, B) uint8.
+        power: (A, B) uint8 received power per azimuth and range bin.
         range_resolution: length of a range bin [m].
         cells: number of range bins in a cell.
     """
@@ -166,7 +170,8 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
     """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths at shifts of -L to L cells.
 
-    One azimuth of a pair is an up-chirp, marked by `rising` (A,), and the other is a down-chirp. L is `reach`.
+    Row n correlates azimuths n and n + 1, of which one is an up-chirp, marked by `rising` (A,), and the other a down-chirp.
+    A positive shift means that the down-chirp's echoes lie farther away. L is `reach`.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -185,7 +190,7 @@ class Velocity:
 
     Args:
         velocity: (2,) forward and left [m/s]; NaN without a measurement.
-        covariance: (2, 2) [m^2/s^2]; NaN without a measurement.
+        covariance: (2, 2) covariance of forward and left [m^2/s^2]; NaN without a measurement.
         outcome: whether the velocity was measured, or the reason why it was not.
     """
 
@@ -204,7 +209,7 @@ class Shifts:
     """Radial speeds of the world relative to the sensor, one per azimuth of a scan.
 
     Args:
-        speeds: (K,) closing speed at each azimuth [m/s].
+        speeds: (K,) closing speed at each azimuth [m/s]; positive if the sensor approaches the objects there.
         weights: (K,) curvature of the correlation at its peak [s^2/m^2]; 0 where there is no peak.
     """
 
@@ -219,6 +224,9 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
         range_resolution: length of a range bin [m].
         middle: time in the middle of the scan [s since the recording's start], for which the velocity holds.
+
+    Returns:
+        The velocity, or the reason why this scan measures none.
     """
     correlation = correlate_chirps(polar_scan, range_resolution)
     if correlation is None:
@@ -263,7 +271,7 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
 
 
 def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity:
-    """Fits velocity and acceleration to the shifts of all azimuths, starting from a first velocity (2,) [m/s].
+    """Fits the velocity at time `middle` [s] and the acceleration to all shifts, from a first velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
     different times.
@@ -287,10 +295,10 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
     """Fits a state to shifts with Geman-McClure's loss, whose width follows from the residuals.
 
     Args:
-        jacobian: (K, 4) derivatives of the radial speeds by the state, which is velocity [m/s] and acceleration [m/s^2].
+        jacobian: (K, 4) derivatives of the radial speeds by the state: vx, vy [m/s], and accelerations ax, ay [m/s^2].
         shifts: the radial speeds.
         state: (4,) state from which the fit starts.
-        prior: (4, 4) information matrix of the state, with mean zero.
+        prior: (4, 4) information matrix of a prior on the state, whose mean is zero.
 
     Returns:
         The state (4,), and the width of the loss [m/s].
@@ -309,10 +317,10 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 
 
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
-    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None if the state depends on a single sector.
+    """Returns the covariance (4, 4) of a fitted state by a jackknife over sectors; None if one sector alone determines it.
 
     A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
-    The arguments are the arguments and results of `_fit_robustly`.
+    The arguments are the arguments of `_fit_robustly`, with its results in `state` and `width`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -333,7 +341,10 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
 
 
 def _measure_spread(residuals: Array, weights: Array) -> float:
-    """Returns the spread [m/s] of residuals (K,): the scaled weighted median of their sizes. Half may be outliers."""
+    """Returns the standard deviation of residuals (K,) [m/s], from the weighted median of their sizes.
+
+    Outliers have little influence, as long as less than half of the weights (K,) is on them.
+    """
     order = np.argsort(np.abs(residuals), kind="stable")
     sums = np.cumsum(weights[order])
     middle = order[int(np.searchsorted(sums, 0.5 * sums[-1]))]
@@ -344,7 +355,7 @@ def _normalise(weights: Array, spread: float) -> Array:
     """Scales the weights (K,) of shifts to information [s^2/m^2], such that their self-weighted mean is 1 / spread^2.
 
     Args:
-        weights: (K,) weights in any unit.
+        weights: (K,) relative weights, in any unit.
         spread: spread of the residuals [m/s].
     """
     return np.asarray(weights / (spread**2 * np.average(weights, weights=weights)))
