@@ -1,1 +1,1 @@
-"""The map-quality score psi: its published form, the estimator's form, the minimiser and the covariance."""
+"""Computes and minimises the map-quality score psi, estimates the covariance of its minimum, and tracks scans by it."""

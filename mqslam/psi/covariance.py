@@ -1,21 +1,22 @@
 """Computes the uncertainty of a minimum of psi: its covariance and the directions that psi does not observe.
 
 psi is a sum over points, so its minimum is an M-estimate, and the curvature alone does not give the scale of a
-covariance. With H the curvature that includes re-selection, and g_c the summed score of the returns of one object (a
-square cell of the map), the covariance is
+covariance. Let H be `PsiEvaluation.curvature`, and g_c the sum of `PsiEvaluation.scores` over the returns of one object (a
+square cell of the map). The covariance is then
 
     Sigma = n / (n - q) H^-1 (sum_c g_c g_c^T) H^-1        for n objects and q variables.
 
-In a direction that is hardly observed, H is hardly positive, and Sigma comes out large along it. The first factor is the
-usual correction for few samples: q variables can bring the scores of q objects to zero, whatever their errors are.
+A direction is a vector of changes of the state's variables, such as a shift along a wall. In a direction that psi hardly
+observes, H is hardly positive, and Sigma comes out large. The first factor is the usual correction for few samples: q
+variables can bring the scores of q objects to zero, whatever the errors of these objects are.
 
-Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale H therefore vanishes along
-the wall, whereas at a narrow scale single returns pair up by chance and look like a minimum. The share of Gauss-Newton's
-curvature that remains at the widest scale shows whether a direction is observed: 0.22 and more where there are windows,
-poles and corners, 0.12 and less along a bare corridor.
+Along a bare wall the returns of two views are scattered alike at any shift. At wide widths of the score (a wide scale), H
+therefore vanishes along the wall, whereas at a narrow scale single returns pair up by chance and look like a minimum. The
+ratio of H to Gauss-Newton's curvature at the widest scale shows whether psi observes a direction: 0.22 and more where there
+are windows, poles and corners, 0.12 and less along a bare corridor.
 
 Metres, radians and their rates differ by orders of magnitude, so every matrix is brought to comparable units before it is
-factorised. An eigenvalue below the rounding error is raised to that error.
+factorised. An eigenvalue below the rounding error is raised to that error. Covariances have the units of the state.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from mqslam.psi.score import PsiEvaluation
 
 # These two numbers tune nothing: the first stands for "unknown", the second keeps the inverse of the curvature finite.
 _UNKNOWN = 1e6  # variance, in units of the inverse information, where there are no more objects than variables
-_LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
+_LEAST = 1e-3  # ratio of H to Gauss-Newton's curvature below which a direction counts as not observed at all
 
-# A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale counts as not observed.
+# If the ratio of H to Gauss-Newton's curvature is less than this at the widest scale, a direction counts as not observed.
 _OBSERVED_SHARE = 0.16
 _SHOWN = 1e-9  # eigenvalues of the normalised information below this share of the largest one are rounding errors
 _ROUNDING = 1e-12  # eigenvalues below this share of the largest one are rounding errors
@@ -40,11 +41,13 @@ _ROUNDING = 1e-12  # eigenvalues below this share of the largest one are roundin
 def estimate_covariance(
     evaluation: PsiEvaluation, points: NDArray[np.float64], cluster_m: float, known: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) of the state at a minimum: a sandwich estimator over clusters of returns.
+    """Returns the covariance (Q, Q) of the state at a minimum: Sigma of the module's docstring, plus other information.
+
+    If there are no more objects than variables, all variances are very large.
 
     Args:
         evaluation: the score at the minimum.
-        points: (N, 2) m, positions of the returns, by which returns are grouped into objects.
+        points: (N, 2) positions of the returns [m], by which returns are grouped into objects.
         cluster_m: side of the cells [m] within which returns belong to one object.
         known: (Q, Q) information about the state from sources other than psi. It must be multiplied by the number of returns
             that count as one measurement, because the curvature counts every return.
@@ -66,7 +69,7 @@ def estimate_covariance(
 
 
 def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float) -> NDArray[np.float64]:
-    """Returns the sums (C, Q) of the scores (N, Q) of points (N, 2) [m] in each occupied square cell of side `cluster_m`."""
+    """Returns the sum (C, Q) of the scores (N, Q) of points (N, 2) [m] in each of C occupied square cells."""
     if len(points) == 0:
         return np.zeros((0, scores.shape[1]))
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
@@ -91,14 +94,13 @@ def curvature_by_differences(
 
 
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
-    """Finds the directions (K, size) that psi does not observe, each with a Gauss-Newton information of 1 along it.
+    """Finds the directions (K, size) that psi does not observe; Gauss-Newton's information along each of them is 1.
 
-    If Gauss-Newton's information is singular, as it is when all returns lie in a single direction, all directions count as
-    not observed.
+    If Gauss-Newton's information is singular, as it is when all returns lie on one ray, no direction counts as observed.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
-        size: number of state variables that the directions cover, counted from the first variable.
+        size: number of state variables in a direction, counted from the first variable of the state.
     """
     information = wide.information[:size, :size]
     units = np.sqrt(np.diag(information))
@@ -131,8 +133,8 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 
     Args:
         matrix: symmetric matrix; an eigenvalue below the rounding error is raised to that error.
-        units: (Q,) typical size of each variable, which makes the entries of a covariance comparable. An information
-            matrix needs the inverses of these sizes.
+        units: (Q,) typical size of each variable if the matrix is a covariance, or the inverse of this size if the matrix
+            is an information matrix. Divided by these units, all entries are comparable.
     """
     scale = np.outer(units, units)
     values, vectors = _find_positive(matrix, scale)
@@ -142,12 +144,12 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the covariance (Q, Q) of the fusion of two independent estimates.
 
-    It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which also holds where one of the two
-    matrices is singular. Eigenvalues of the result are at least as large as the rounding error.
+    The result (first^-1 + second^-1)^-1 is computed as first (first + second)^-1 second, which also holds where one of the
+    two matrices is singular. Eigenvalues of the result are at least as large as the rounding error.
 
     Args:
         first: (Q, Q) covariance of one estimate.
-        second: (Q, Q) covariance of the other.
+        second: (Q, Q) covariance of the other estimate.
         units: (Q,) typical size of each variable.
     """
     scale = np.outer(units, units)
@@ -158,7 +160,7 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 def _find_positive(
     matrix: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the eigenvalues (Q,), at least the rounding error, and eigenvectors (Q, Q) of a matrix divided by a scale."""
+    """Returns eigenvalues (Q,), raised to the rounding error or more, and eigenvectors (Q, Q) of matrix / scale (Q, Q)."""
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
     return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
 
@@ -166,7 +168,7 @@ def _find_positive(
 def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Raises the variances of a covariance (Q, Q) to at least the squares of the steps (Q,) that end a search.
 
-    Scans that repeat to the last digit leave no residual. Without the floor, the result would seem to be known exactly.
+    Scans that are equal to the last digit leave no residual. Without the floor, the result would seem to be known exactly.
     """
     scale = np.outer(steps, steps)
     values, vectors = np.linalg.eigh(symmetric(covariance) / scale)

@@ -1,7 +1,8 @@
-"""Minimises psi by Newton steps on an annealed score, whose widths shrink from step to step.
+"""Minimises psi by Newton steps on an annealed score: the widths of the score (`Scale`) shrink from step to step.
 
 With wide widths the search finds the basin of the minimum, so the start need not be good. With narrow widths it finds the
-bottom of the basin, and the result is not blurred by neighbours that belong to other objects.
+bottom of the basin, and the result is not blurred by neighbours that belong to other objects. The Q variables of the state
+are a pose, the parameters of a motion or both, as `render` of `minimise` takes them.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from mqslam.psi.neighbours import NearbyLists, do_serve, find_candidates, list_n
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import Kernel, PsiEvaluation, References, Scale, evaluate, find_reach
 
-# Offset [standard deviations] at which a point's weight has fallen to a quarter: at the end and the start of the annealing.
+# Width c of the score, in standard deviations of an offset, at the end of the annealing and at its start.
 C, _C_START = 1.5, 5.0
-# Width in time [s] of the fade of pairs that were seen less than one revolution of the radar apart.
+# Width beta_t of the score [s].
 BETA_T = 0.06
 # Least kappa of a selected neighbour. A neighbour with a smaller kappa would hardly add to the score.
 _XI = 0.02
-# Factors for a neighbour that was seen from a quite different direction than the query: on its weight (kappa) and on its
-# blur. If both are 1, all views count the same.
+# Factors for a neighbour that was seen from a quite different direction than the query: on its kappa and on its blur. If
+# both are 1, all views count the same.
 APART_SHARE, APART_BLUR = 0.3, 2.0
-# Number of returns that count as one independent measurement. psi's information is divided by this number where
-# psi is weighed against a prior.
+# Number of returns that count as one independent measurement. The curvature of psi is divided by this number where a prior
+# is added to psi.
 CORRELATION = 5.0
 # Largest number of Newton steps.
 STEPS = 12
@@ -41,18 +42,18 @@ _SHRINK = 0.6
 # they differ by more than 12 degrees.
 _ASPECT_RAD = 0.05
 
-# Share of Gauss-Newton's curvature that is added to the curvature with re-selection, so that no step goes too far.
+# Share of `PsiEvaluation.information` that is added to `PsiEvaluation.curvature`, so that no step goes too far.
 STABILISER = 0.15
 
 # Distances by which lists of neighbours reach farther than the score [m], for fixed references and for points that all move.
 # They affect only speed.
 SKIN_M, _MOVING_SKIN_M = 0.2, 0.3
-_LARGEST_PART = 0.9  # largest ratio of a step to the step before it [1], which keeps the extrapolation finite
+_LARGEST_PART = 0.9  # largest assumed ratio of a step to the step before it, which keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
 def annealed_scale(config: EstimatorConfig, step: int, share: float = 1.0) -> Scale:
-    """Returns the score's widths at a step of the annealing; at step 0 they are `share` times the settings' first widths."""
+    """Returns the widths at a step of the annealing: `share` times the first widths at step 0, narrower at later steps."""
     f = _SHRINK**step
     return Scale(
         max(config.s, share * config.s_start * f),
@@ -72,7 +73,7 @@ class Prior:
 
     Args:
         mean: (Q,) the most likely state.
-        information: (Q, Q) inverse covariance.
+        information: (Q, Q) inverse of the prior's covariance.
     """
 
     mean: NDArray[np.float64]
@@ -85,9 +86,10 @@ class Search(NamedTuple):
     Args:
         steps: largest number of Newton steps.
         first: step of the annealing that the search begins with; a good start needs no wide widths.
-        settled: a step shorter than this [standard deviations] ends the search; with zero, only the tolerances end it.
+        settled: at the final widths, a step shorter than this many standard deviations of the state ends the search; with
+            zero, only the tolerances end the search.
         foresees: whether each step at the final widths is extended to where the following steps would lead. Where psi is
-            flat, such a search needs a prior on the state, which would otherwise drift away.
+            flat, such a search needs a prior, without which the state would drift away.
         share: factor on the first widths of the annealing.
         correlation: number of returns that count as one independent measurement; psi is divided by this number before the
             prior is added.
@@ -108,7 +110,7 @@ class Minimum:
     Args:
         state: (Q,) the state at which the search ended.
         evaluation: the score at this state, at the final widths.
-        converged: whether the last step was below the tolerances, or short in units of the state's standard deviations.
+        converged: whether the last step was shorter than the tolerances or than `Search.settled`.
     """
 
     state: NDArray[np.float64]
@@ -132,7 +134,7 @@ class Expansion(NamedTuple):
     Args:
         gradient: (Q,) half the gradient of psi.
         information: (Q, Q) Gauss-Newton's curvature.
-        curvature: (Q, Q) curvature that includes the re-selection of neighbours, symmetric.
+        curvature: (Q, Q) curvature that accounts for the re-selection of neighbours as points move, symmetric.
     """
 
     gradient: NDArray[np.float64]
@@ -154,12 +156,12 @@ def minimise(
 
     Args:
         start: (Q,) state at which the search begins.
-        render: returns the points of a state; their jacobians are (N, 2, Q).
-        references: points to compare with; None compares the rendered points with each other.
+        render: returns the points of a state (Q,), in the frame of the references; their jacobians are (N, 2, Q).
+        references: points that the rendered points are compared with; None compares the rendered points with each other.
         prior: Gaussian over the state.
         config: widths of the score.
         kernel: parameters of the score besides its widths.
-        tolerances: (Q,) a step at the final widths that is smaller than this in every component ends the search.
+        tolerances: (Q,) a step at the final widths that is smaller than this in every variable ends the search.
         search: settings of the search; None takes the defaults of `Search`, which begin at the widest widths.
     """
     search = search or Search()
@@ -187,12 +189,17 @@ def minimise(
 
 
 class Rendered:
-    """Points that are rendered and scored at one state after another; lists of their neighbours are kept while complete.
+    """Points that are rendered and scored at one state after another.
+
+    Lists of neighbours are kept from state to state as long as no neighbour can be missing.
 
     Args:
-        render: as for `minimise`.
-        references: as for `minimise`.
+        render: as in `minimise`.
+        references: as in `minimise`.
         kernel: parameters of the score besides its widths.
+
+    Attributes:
+        jacobians: (N, 2, Q) jacobians of the points rendered last.
     """
 
     def __init__(
@@ -213,11 +220,11 @@ class Rendered:
 def renew_lists(
     lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
 ) -> NearbyLists:
-    """Returns lists of all neighbours within a reach of each point: the given lists if they still serve, else new ones.
+    """Returns lists of all neighbours within a reach of each point: the given lists while complete, else new lists.
 
     Args:
-        lists: lists made before, or None.
-        points: (N, 2) m.
+        lists: lists that were made before; None if there are none.
+        points: (N, 2) present positions of the points [m].
         references: points to list as neighbours; None lists the points themselves, all of which move.
         reach: distance within which neighbours are needed [m].
     """
@@ -233,9 +240,9 @@ def renew_lists(
 
 @register_jitable
 def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
-    """Shortens a step (Q,) that moves the points by `moved_m` so that it moves them by `reach_m` at most.
+    """Shortens a step (Q,) that moves the points by `moved_m` on average, so that it moves them by `reach_m` at most.
 
-    An infinite `moved_m`, which stands for no points, gives a step of zero.
+    An infinite `moved_m` means that there are no points, and gives a step of zero.
     """
     return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
@@ -262,16 +269,16 @@ def choose_move(
     correlation: float,
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
-    """Returns Newton's step (Q,) and its length in standard deviations, which the curvature states.
+    """Returns Newton's step (Q,), and its length in standard deviations of the state as the curvature shows them.
 
-    The step goes downhill along every eigenvector, whatever the sign of the curvature. The variables are in units of their
-    tolerances, so that metres and radians have comparable eigenvalues.
+    The step goes downhill along every eigenvector of the curvature, whatever the sign of the eigenvalue. The eigenvalues are
+    computed in units of the tolerances, so that metres and radians are comparable.
 
     Args:
         here: expansion of the score around the state.
         beside: (Q,) the state minus the prior's mean.
         information: (Q, Q) information of the prior.
-        stabiliser: share of Gauss-Newton's curvature that is added to the score's curvature.
+        stabiliser: share of Gauss-Newton's curvature that is added to the curvature.
         correlation: number by which the score is divided before the prior is added.
         tolerances: (Q,) units of the variables.
     """
@@ -306,14 +313,14 @@ def _extrapolate(
 ) -> NDArray[np.float64]:
     """Returns the step (Q,) to the limit of the following steps, if each step is a constant multiple of the step before it.
 
-    The step becomes longer if successive steps have the same sign, and shorter if their signs alternate. The terms that keep
-    Newton's steps safe make them too short, by a share that hardly changes from step to step. This is Anderson's
-    mixing of two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
+    The step becomes longer if successive steps have the same sign, and shorter if their signs alternate. This helps because
+    the terms that keep Newton's steps safe shorten all steps by nearly the same share. The method is Anderson's mixing of
+    two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
 
     Args:
         move: (Q,) Newton's step.
-        changed: (Q,) this step minus the step before it.
-        went: (Q,) change of the state between the points at which the two steps were computed.
+        changed: (Q,) Newton's step minus the Newton's step before it.
+        went: (Q,) change of the state between the two states at which these steps were computed.
         tolerances: (Q,) units of the variables.
     """
     above, below = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Renders returns as points: positions in the world under a motion, with covariances and with derivatives by the motion."""
+"""Renders returns as points: their positions in the world's frame under a motion, with covariances and derivatives."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Beam(NamedTuple):
 
     Args:
         sigma_range: standard deviation of a return along the ray [m].
-        sigma_azimuth: standard deviation across the ray [rad].
-        doppler_beta: range shift per closing speed [s]; the true range is the measured one plus beta times closing speed.
+        sigma_azimuth: standard deviation of a return across the ray [rad].
+        doppler_beta: range shift per closing speed [s]; the true range is the measured range plus beta times closing speed.
     """
 
     sigma_range: float
@@ -42,11 +42,11 @@ class PointArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PointSet:
-    """Returns rendered as points.
+    """Points, each rendered from one return. The "world frame" is the frame of the start pose, such as the frame of a map.
 
     Args:
-        points: (N, 2) m, world frame.
-        jacobians: (N, 2, 3 + P) derivative of each point by the start pose (x, y, yaw) and the P motion parameters.
+        points: (N, 2) x, y [m], world frame.
+        jacobians: (N, 2, 3 + P) derivatives of x, y by the start pose (x, y [m], yaw [rad]) and the P motion parameters.
         covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
         times: (N,) [s] since the recording's start.
         rays: (N, 2) unit vectors from the sensor to each point, world frame; empty (0, 2) where viewing directions
@@ -69,7 +69,7 @@ class PointSet:
 
 
 def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Converts covariances (N, 3) xx, xy, yy from a frame that is rotated by yaw [rad] to the unrotated frame."""
+    """Converts covariances (N, 3) xx, xy, yy [m^2] from a frame that is rotated by yaw [rad] to the unrotated frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
     return np.column_stack(
@@ -86,8 +86,8 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
 
     Args:
         returns: returns to render.
-        t0: time of the start pose [s].
-        start: (3,) pose of the sensor at t0, world frame.
+        t0: time of the start pose [s since the recording's start].
+        start: (3,) x, y [m], yaw [rad] of the sensor at t0, world frame.
         theta: (P,) motion parameters.
         model: motion model, which says what the parameters mean.
         beam: the sensor's errors.
@@ -110,12 +110,12 @@ def compute_beam_covariance(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Returns the terms xx, xy, yy [m^2] of the covariance of returns whose ray points along the unit vector (ux, uy).
 
-    The arguments are arrays (N,), or single numbers in a compiled function.
+    Arguments and results are arrays (N,), or single numbers in a compiled function.
 
     Args:
         ranges: distances from the sensor [m].
-        ux: x component of the rays, in the frame of the covariance.
-        uy: y component of the rays.
+        ux: x component of the rays' unit vectors, in the frame of the covariance.
+        uy: y component of the same vectors.
         beam: the sensor's errors.
     """
     along = beam.sigma_range * beam.sigma_range
@@ -136,16 +136,16 @@ def place_arrays(
     """Renders returns as points, like `place`, but takes and returns plain arrays.
 
     Args:
-        ranges: (N,) m.
+        ranges: (N,) measured ranges [m].
         azimuths: (N,) rad, in the frame of the sensor.
         times: (N,) s since the start pose; returns of the same azimuth are adjacent.
-        start: (3,) start pose of the sensor, world frame.
+        start: (3,) x, y [m], yaw [rad] of the sensor at the start, world frame.
         theta: (P,) motion parameters.
-        model: components and powers of the motion model.
+        model: components (P,) and powers (P,) of the motion model.
         beam: the sensor's errors.
 
     Returns:
-        The points (N, 2), their jacobians (N, 2, 3 + P), their covariances (N, 3) and their rays (N, 2).
+        The points (N, 2), their jacobians (N, 2, 3 + P), covariances (N, 3) and rays (N, 2), as in a `PointSet`.
     """
     n, size = len(ranges), len(theta)
     components, powers = model
@@ -188,5 +188,5 @@ def place_arrays(
 
 
 def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
-    """Returns the sensor's errors as the settings state them, with the sensor's range shift per closing speed [s]."""
+    """Returns the sensor's errors from the settings and from its range shift per closing speed, `doppler_beta` [s]."""
     return Beam(config.sigma_range_m, config.sigma_azimuth, doppler_beta)

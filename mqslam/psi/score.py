@@ -1,18 +1,23 @@
 """The score psi as the estimator minimises it: a compiled sum over neighbours, with the derivatives for the minimiser.
 
-Each query point is compared with the kappa-weighted centroid of its selected neighbours, which gives one offset e_i with
-covariance Sigma_i. With d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and
-psi = sum S^2. A point without a selected neighbour is charged c^2, the most that a matched point can cost, so that maps
-without overlap are never the best. (With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with
-d, and its slope is L^2 times the slope of d^2.)
+Points that are scored (queries) are compared with other points (references). The references within a distance s of a query
+are its neighbours. A neighbour's weight is kappa = exp(-(distance/beta_s)^2), times a fade if the two points were measured
+less than a revolution apart. The neighbours with kappa >= xi are selected.
 
-The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must take into account that
-neighbours are re-selected as a point moves. The centroid follows the point by the share 2 S_kappa / beta_s^2, where
-S_kappa is the scatter of the neighbours. The true curvature is therefore several times smaller than Gauss-Newton's.
+The query minus the kappa-weighted centroid of its selected neighbours is one offset e_i with covariance Sigma_i. With
+d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and psi = sum S^2. A point without a
+selected neighbour is charged c^2, the most that a matched point can cost, so that maps without overlap are never the best.
+(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, and its slope is L^2 times the
+slope of d^2.)
+
+The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0, where J is the derivative of e by the state.
+The derivative of these equations must take into account that neighbours are selected again as a point moves. The centroid
+follows the point by the share 2 S_kappa / beta_s^2, where S_kappa is the kappa-weighted scatter of the neighbours. The true
+curvature is therefore several times smaller than Gauss-Newton's.
 
 The returns of an object shift and fade when the radar looks at it from another side. Where the viewing directions of both
-point sets are known, a neighbour's kappa and the blur of its offset therefore depend on the difference of the two
-directions: likeness = exp(-(difference / aspect)^2).
+point sets are known, a neighbour's kappa and the blur in Sigma_i therefore depend on the likeness of the two directions,
+exp(-(difference / aspect)^2).
 
 The readable twin is `mqslam.psi.published.reference.evaluate_reference`.
 """
@@ -35,7 +40,7 @@ Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
 ]  # the fields of a `PsiEvaluation`
 
-LANES: Final = 8  # number of exponentials that are computed at once; affects only speed
+LANES: Final = 8  # number of exponentials that are computed at a time; affects only speed
 _BEYOND: Final = 1.0 + 1e-9  # factor on the reach, so that no neighbour at its limit is lost by rounding
 _BLOCK: Final = 1024  # number of neighbours summed at a time, so that they stay in the cache; affects only speed
 _CELL_M: Final = 1.0  # side of the cells in which references are searched [m]; affects only speed
@@ -49,7 +54,7 @@ _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (1.0 / math.factorial
 
 
 class Scale(NamedTuple):
-    """The widths of the score, which the minimiser narrows step by step.
+    """The widths of the score. The minimiser narrows them step by step (annealing).
 
     Args:
         s: distance beyond which neighbours take no part [m].
@@ -67,12 +72,12 @@ class Kernel(NamedTuple):
 
     Args:
         revolution_s: duration of a revolution of the radar [s]. A neighbour measured less than a revolution before or after
-            the query weighs less.
-        beta_t: width [s] of this fade, a Gaussian of the time by which query and neighbour are less than a revolution apart.
+            the query weighs less; with zero, times play no part.
+        beta_t: width of this fade [s]: exp(-(u / beta_t)^2) if a time u is missing to a whole revolution.
         xi: least kappa of a selected neighbour.
         blur: standard deviation [m] by which one object's returns scatter between views; its square adds to each Sigma_i.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
-        apart_share: factor on kappa of a neighbour that was seen from a quite different direction.
+        apart_share: factor on kappa of a neighbour that was seen from a quite different direction, with a likeness of 0.
         apart_blur: the blur [m] of such a neighbour.
     """
 
@@ -89,7 +94,7 @@ class References(NamedTuple):
     """Fixed points that other points are scored against, such as a running map, a submap or a whole map.
 
     Args:
-        points: (M, 2) m, as they were given.
+        points: (M, 2) m in the frame of the queries, in the order in which they were given.
         grid: the same points, sorted into cells.
         known: (M, 8) data of each point, in the order of the grid; `Neighbours` lists the columns.
         knows_rays: whether the viewing directions of the points are known.
@@ -105,8 +110,8 @@ class Neighbours(NamedTuple):
     """The references near each query, over which the score sums.
 
     Args:
-        known: (M, 8) x, y [m], time [s], ray x, y, and covariance xx, xy, yy [m^2] of each reference.
-        jacobians: (M, 2, Q) jacobians of the references; empty (0, 2, Q) where the references do not move.
+        known: (M, 8) x, y [m], time [s], unit vector x, y of the ray, and covariance xx, xy, yy [m^2] of each reference.
+        jacobians: (M, 2, Q) derivatives of the references by the state; empty (0, 2, Q) where the references do not move.
         offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is the end of all
             lists.
         indices: (K,) indices of the references near the queries; some of these references may lie beyond the reach.
@@ -120,14 +125,14 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PsiEvaluation:
-    """The score of points, with the gradient and the curvature for its minimiser.
+    """The score of N points, with its gradient and its curvature by the Q variables of a state.
 
     Args:
-        shares: (N,) each point's share of psi, charges included.
+        shares: (N,) each point's part of psi, which is the charge for a point without a selected neighbour.
         matched: (N,) bool, whether each point has a selected neighbour.
-        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share by the Q state variables.
+        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
-        curvature: (Q, Q) curvature that includes the re-selection of neighbours, made symmetric.
+        curvature: (Q, Q) curvature that accounts for the re-selection of neighbours as points move, made symmetric.
     """
 
     shares: NDArray[np.float64]
@@ -158,8 +163,8 @@ def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[n
     Args:
         points: the points.
         cell_m: side of the cells [m]; affects only speed.
-        corner: (2,) m, lower left corner of the first cell; None computes it. With the corner of a larger set of points,
-            a part of that set is sorted, and so scored, in the same order as the whole set.
+        corner: (2,) x, y [m] of the lower left corner of the first cell; None computes it. With the corner of a larger set
+            of points, a part of that set is sorted, and so scored, in the same order as the whole set.
     """
     grid = sort_into_cells(points.points, cell_m, corner)
     return References(points.points, grid, arrange(grid.order, points.arrays), len(points.rays) == len(points))
@@ -171,8 +176,8 @@ def evaluate(
     """Scores points against references, or against each other where all of them move with the same state.
 
     Args:
-        queries: points whose offsets are scored.
-        references: points that they are compared with; None compares the queries with each other.
+        queries: points to score.
+        references: points that the queries are compared with; None compares the queries with each other.
         scale: widths of selection and weights.
         kernel: parameters of the score besides its widths.
         lists: neighbours of the queries, found by `list_near` among references or by `find_candidates` among the queries
@@ -192,7 +197,7 @@ def evaluate(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, kernel: Kernel) -> Fields:
-    """Scores points against each other, and returns the fields of a `PsiEvaluation`; see `evaluate`."""
+    """Scores points against each other; `lists` are by `find_candidates`. Returns the fields of a `PsiEvaluation`."""
     n = len(points.points)
     near = Neighbours(arrange(np.arange(n), points), points.jacobians, lists.offsets, lists.indices)
     fields: Fields = _evaluate_near(points, near, scale, kernel, len(points.rays) == n)
@@ -201,7 +206,10 @@ def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, k
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
-    """Scores queries against references near them; `knows_aspects` says whether all viewing directions are known."""
+    """Scores queries against the references near them, and returns the fields of a `PsiEvaluation`.
+
+    `knows_aspects` says whether the viewing directions of all queries and references are known.
+    """
     n, size = len(queries.points), queries.jacobians.shape[2]
     sums, pulls = np.empty((n, 10)), np.zeros((n if len(near.jacobians) else 0, 2, size))
     rays = queries.rays[: n if knows_aspects else 0]
@@ -220,15 +228,15 @@ def weigh_offsets(
 ) -> Fields:
     """Computes the fields of a `PsiEvaluation` from sums over the neighbours of each query.
 
-    The letters of the code, for each query: m is the centroid of its neighbours, s their scatter S_kappa, c the
-    covariance Sigma of the offset e = -m and i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1
-    (I - 2 S_kappa / beta_s^2), made symmetric.
+    The first letters of names, for each query: m is the centroid of its neighbours minus the query, s the scatter S_kappa
+    of the neighbours, c the covariance Sigma of the offset e = -m, i the inverse of Sigma, f = Sigma^-1 e, j the jacobian J
+    of the offset, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.
 
     Args:
         covariances: (N, 3) xx, xy, yy of the queries [m^2].
-        jacobians: (N, 2, Q) jacobians of the queries.
-        sums: (N, 10) sums over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy,
-            of the covariance's xx, xy, yy, and of the squared blur.
+        jacobians: (N, 2, Q) derivatives of the queries by the state.
+        sums: (N, 10) kappa-weighted sums over the neighbours: of 1, of x, y [m] from query to neighbour, of their products
+            xx, xy, yy, of the neighbour's covariance xx, xy, yy [m^2], and of the squared blur [m^2].
         pulls: (N, 2, Q) negative kappa-weighted sums of the neighbours' jacobians; empty (0, 2, Q) where the references
             do not move.
         scale: widths of selection and weights.
@@ -293,13 +301,13 @@ def weigh_offsets(
 
 @register_jitable
 def find_reach(scale: Scale, kernel: Kernel) -> float:
-    """Returns the distance [m] within which neighbours are selected: s, or where kappa falls to xi if that is nearer."""
+    """Returns the distance [m] within which neighbours are selected: s, or, if smaller, where kappa falls to xi."""
     return float(min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi))))
 
 
 @nb.njit(cache=True, nogil=True)
 def arrange(order: NDArray[np.int64], points: PointArrays) -> NDArray[np.float64]:
-    """Returns the data (M, 8) of references in a given order, as the score reads them; `Neighbours` lists the columns."""
+    """Returns the data (M, 8) of points in the order of the indices `order` (M,); `Neighbours` lists the columns."""
     known = np.zeros((len(order), 8))
     sees = len(points.rays) == len(points.points)
     for k in range(len(order)):
@@ -325,14 +333,13 @@ def add_up_neighbours(
 ) -> None:
     """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are processed in blocks. Every candidate of a block is written to arrays, and the next one overwrites a candidate
-    that is too far away: a branch that the processor cannot predict would cost more than a few needless numbers. The
-    loops after that have no branches.
+    Queries are processed in blocks. Every candidate is written to the block's arrays, and the next candidate overwrites it
+    if it is too far away: a branch that the processor cannot predict would cost more than writing in vain.
 
     Args:
-        x: (N, 2) m, the queries.
+        x: (N, 2) positions of the queries [m].
         t: (N,) s, times of the queries; if empty, times play no part.
-        rays: (N, 2) viewing directions of the queries; if empty, viewing directions play no part.
+        rays: (N, 2) unit vectors of the queries' rays; if empty, viewing directions play no part.
         near: references near the queries.
         scale: widths of selection and weights.
         kernel: parameters of the score besides its widths.
@@ -412,18 +419,15 @@ def add_up_neighbours(
 def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Computes exp(-x) of `count` numbers x by plain arithmetic, which compilers turn into vector instructions.
 
-    The function writes exp(-x) as 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its
-    terms are below rounding. All arithmetic is elementwise, so that the digits do not depend on how many numbers are
-    computed at once.
-
-    The result for number i is values[i] times a power of 2, whose bits as a 64-bit floating-point number are powers[i].
+    The result is exp(-x) = 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its terms
+    are below rounding. The digits of a result do not depend on how many numbers are computed at once.
 
     Args:
         exponents: (N,) numbers x, not negative.
-        count: number of exponents to use. All arrays have room for `LANES` more: entries up to the next multiple of
-            `LANES` are overwritten, in `exponents` and in the results.
-        powers: (N,) output: bits of the powers of 2.
-        values: (N,) output: the factors of these powers.
+        count: number of exponents to use. All arrays need room for `LANES` more: entries up to the next multiple of `LANES`
+            are overwritten, in `exponents` and in the results.
+        powers: (N,) output: bits of 2^k as a 64-bit floating-point number.
+        values: (N,) output: exp(r).
     """
     full = (count + LANES - 1) // LANES * LANES
     for i in range(count, full):

@@ -1,5 +1,8 @@
 """Estimates the motion of one window from psi alone: the window is rendered and compared with itself, and psi is minimised.
 
+A window consists of several consecutive scans. "The widest scale" means the widths of the score at the start of the
+annealing (see `mqslam.psi.minimiser`).
+
 Source: "Motion Estimation from Map Quality with Millimeter Wave Radar" for the exhaustive search and for the minimum as the
 measurement. The annealed minimiser and the covariance are ours.
 """
@@ -37,11 +40,11 @@ _BASINS = 3
 _DIFFERENCE_STEP = 4.0
 # Standard deviation of a window's speed [m/s] and of its yaw rate [rad/s] in a direction that psi does not observe.
 _UNKNOWN_SPEED, _UNKNOWN_YAW_RATE = 20.0, 1.0
-# Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise.
+# Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below the errors of a motion.
 _TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
-_LINE = 3  # a search first scores every third row and column of its grid; with every fourth it missed the best at times
+_LINE = 3  # a search first scores every third row and column of its grid; with every fourth it missed some best motions
 
-# The best motion counts as ambiguous where another motion's psi is below this factor times the psi of the best motion.
+# The best motion counts as ambiguous if psi of a different motion is less than this factor times psi of the best motion.
 RIVAL = 1.25
 # Squared distance between two motions of a window, in units of their covariances, beyond which they are different motions.
 _DIFFERENT = 25.0
@@ -52,11 +55,11 @@ class WindowMotion:
     """The estimated motion of a window.
 
     Args:
-        theta: (P,) parameters of the motion model.
+        theta: (P,) parameters of the motion model, such as speeds [m/s] and a yaw rate [rad/s].
         covariance: (P, P) covariance of the parameters.
         minimum: result of the minimiser.
-        status: degenerate where a direction is not observed and the covariance is large along it, ambiguous where
-            another motion explains the window about as well, and converged otherwise.
+        status: degenerate if psi does not observe a direction, along which the covariance is then large; ambiguous if a
+            different motion explains the window about as well; converged otherwise.
     """
 
     theta: se2.Array
@@ -71,7 +74,7 @@ class Window:
 
     Args:
         returns: returns of two or more scans.
-        t0: start of the window [s].
+        t0: start of the window [s since the recording's start].
         kernel: parameters of the score besides its widths.
         config: widths of the score and of its annealing.
         beam: the sensor's errors.
@@ -92,11 +95,11 @@ class Window:
         return PointSet(points.points, np.ascontiguousarray(points.jacobians[:, :, 3:]), points.covariances, points.times)
 
     def score(self, theta: se2.Array, model: MotionModel, scale: Scale) -> PsiEvaluation:
-        """Returns psi under parameters (P,) of a motion model, at the given widths."""
+        """Returns psi and its derivatives under parameters (P,) of a motion model, at the given widths."""
         return evaluate(self.render(theta, model), None, scale, self.kernel)
 
     def score_twists(self, twists: se2.Array) -> NDArray[np.float64]:
-        """Returns psi (T,) at the widest scale under each of many constant twists (T, 3) [m/s, m/s, rad/s]."""
+        """Returns psi (T,) at the widest scale under each of T constant twists (T, 3): vx, vy [m/s], omega [rad/s]."""
         if len(self.returns) == 0:
             return np.zeros(len(twists))
         returns, scale = self.returns, annealed_scale(self.config, 0)
@@ -104,20 +107,23 @@ class Window:
         return np.asarray(_list_shares(*measured, twists, CONSTANT_TWIST.arrays, self.beam, scale, self.kernel).sum(axis=1))
 
     def score_grid(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns psi (V, W) at the widest scale for each pair of a speed (V,) [m/s] and a yaw rate (W,) [rad/s]."""
+        """Returns psi (V, W) at the widest scale for each pair of a forward speed (V,) [m/s] and a yaw rate (W,) [rad/s]."""
         still = np.zeros(len(yaw_rates))
         rows = [self.score_twists(np.column_stack([still + speed, still, yaw_rates])) for speed in speeds]
         return np.array(rows)
 
     def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-        """Finds the twist (3,) with the lowest psi at the widest scale on a grid of which only a part is scored.
+        """Finds the twist of a grid with the lowest psi at the widest scale, although only a part of the grid is scored.
 
-        At that scale psi varies so slowly that every third row and column of the grid show where psi is lowest. All other
-        twists are scored only around the few of these twists that have the lowest psi.
+        At the widest scale psi varies slowly, so that every third row and column of the grid show about where psi is lowest.
+        Other twists are scored only around the best few twists of these rows and columns.
 
         Args:
-            speeds: (V,) m/s to try.
-            yaw_rates: (W,) rad/s to try.
+            speeds: (V,) forward speeds to try [m/s].
+            yaw_rates: (W,) yaw rates to try [rad/s].
+
+        Returns:
+            The twist (3,): vx [m/s], vy = 0, omega [rad/s].
         """
         scores = np.full((len(speeds), len(yaw_rates)), np.inf)
 
@@ -138,7 +144,12 @@ class Window:
         return np.array([speeds[v], 0.0, yaw_rates[w]])
 
     def estimate(self, start: se2.Array, model: MotionModel = CONSTANT_TWIST) -> WindowMotion:
-        """Estimates the motion that makes the map crispest, starting at a twist (3,) within the annealing's reach."""
+        """Estimates the motion that makes the map crispest.
+
+        Args:
+            start: (3,) vx, vy [m/s], omega [rad/s] at which the search begins; the widest scale must cover its error.
+            model: motion model of the window.
+        """
         config, tolerances = self.config, _list_tolerances(model)
         free = Prior(np.zeros(model.size), np.zeros((model.size, model.size)))
         minimum = minimise(
@@ -160,11 +171,11 @@ class Window:
     def find(
         self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], model: MotionModel = CONSTANT_TWIST
     ) -> WindowMotion:
-        """Finds the motion without an initial guess: searches with the first two scans, then refines the best basins.
+        """Finds the motion without an initial guess: searches a grid with the first two scans, then refines the best basins.
 
         Args:
-            speeds: (V,) m/s that the search tries, in steps within the annealing's reach.
-            yaw_rates: (W,) rad/s that the search tries, in steps within the annealing's reach.
+            speeds: (V,) forward speeds of the grid [m/s], in steps that the widest scale covers.
+            yaw_rates: (W,) yaw rates of the grid [rad/s], in steps that the widest scale covers.
             model: motion model of the window.
         """
         two = self.returns.take(self.returns.times < self.t0 + 2.0 * self.kernel.revolution_s)
@@ -192,7 +203,10 @@ def _list_shares(
     scale: Scale,
     kernel: Kernel,
 ) -> NDArray[np.float64]:
-    """Returns the share of psi of each of N points under each of T twists: (T, N)."""
+    """Returns the share of psi (T, N) of each return under each motion; `twists` (T, P) are parameters of the model.
+
+    The returns are ranges (N,) [m], azimuths (N,) [rad] and times (N,) [s since the window's start].
+    """
     shares = np.empty((len(twists), len(ranges)))
     no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
     for k in range(len(twists)):
@@ -204,12 +218,12 @@ def _list_shares(
 
 
 def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
-    """Returns the steps (P,) that end the search over a model's parameters."""
+    """Returns the step of each parameter (P,), in the parameter's unit, below which the search over a model ends."""
     return np.array([_TOLERANCES[component] for component in model.components])
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Finds the row and the column of each local minimum of a grid of scores (V, W), the lowest minimum first."""
+    """Returns row and column of each local minimum of a grid of scores (V, W), the lowest minimum first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")
