@@ -1,11 +1,10 @@
 """Searches globally for the pose of one point set in another: correlates their images, one blurred, at several yaws.
 
-The correlation is the widest and cheapest form of the score. Minimisations of psi start from its peaks and decide between
-them.
+In an image, a pixel is one if it holds a point, else zero. The correlation is the widest and cheapest form of the score.
+Minimisations of psi start from the peaks of the correlation and decide between these peaks.
 
-The image of a scan is empty except for a few thousand pixels, and only shifts within the reach are needed. Where the
-reach is short, it therefore takes less work to add up the other image around each of these pixels than to compute Fourier
-transforms.
+The image of a scan is zero except for a few thousand pixels, and only shifts up to the reach of the search are needed. Where
+the reach is short, adding up the other image around each of these pixels takes less work than Fourier transforms.
 """
 
 from __future__ import annotations
@@ -22,22 +21,21 @@ from scipy.fft import fft, ifft, irfft, next_fast_len, rfft, rfft2
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
-# Side of a pixel of the images, as a share of the annealing's first reach s_start. The minimiser surely bridges this
-# distance.
+# Side of a pixel of the images, in units of the score's first width s_start. The minimiser surely bridges this distance.
 _PIXEL = 0.3
-# Poses that are nearer to each other than this many pixels count as one.
+# Poses that are nearer to each other than this many pixels count as the same pose.
 _SAME = 2.0
-# Most poses that are handed on to the minimiser.
+# Largest number of poses that are handed on to the minimiser, and of peaks that are kept at each yaw.
 _PEAKS = 3
 # Standard deviation of the images' blur, in pixels of the global search.
 _SEARCH_BLUR = 1.4
-# Points farther from the query's origin than this many pixels take no part in the search, because they would need finer
-# steps of yaw.
+# Points whose x or y is larger than this many pixels in the query's frame take no part in the search, because they would
+# need finer steps of yaw.
 _SEARCH_EXTENT = 110.0
 
-_NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within this many rows and columns: it defines a local maximum
+_NEIGHBOURS: Final = 2  # a local maximum is the largest of the pixels within this many rows and columns: a definition
 _BLUR_REACH: Final = 4.0  # number of standard deviations at which a blur is cut off
-_SUMS_PER_PIXEL: Final = 90  # number of pixels that are added up while Fourier transforms process one pixel, as measured
+_SUMS_PER_PIXEL: Final = 90  # measured: pixels added up in the time in which Fourier transforms process one pixel
 
 
 def compute_pixel_m(config: EstimatorConfig) -> float:
@@ -46,7 +44,7 @@ def compute_pixel_m(config: EstimatorConfig) -> float:
 
 
 def compute_same_m(config: EstimatorConfig) -> float:
-    """Returns the distance [m] below which two poses of the global search count as one."""
+    """Returns the distance [m] below which two poses of the global search count as the same pose."""
     return _SAME * compute_pixel_m(config)
 
 
@@ -63,13 +61,14 @@ def rank_poses(
     Args:
         reference: (M, 2) m.
         query: (N, 2) m, in its own frame.
-        guess: (3,) pose of the query's frame in the reference's frame.
-        reach_m: how far the guess may be off [m].
-        reach_rad: how far its yaw may be off [rad].
-        config: settings of the search.
+        guess: (3,) x, y [m], yaw [rad] of the query's frame in the reference's frame.
+        reach_m: largest distance of the searched poses from the guess [m].
+        reach_rad: largest difference of their yaws from the guess's yaw [rad].
+        config: settings of the score; its first width s_start gives the size of the pixels.
 
     Returns:
-        poses (3,) of the query's frame in the reference's frame, the best first; many of them hardly differ (`pick_apart`).
+        Poses (3,) of the query's frame in the reference's frame, the best first; none if a point set is empty. Many of the
+        poses hardly differ (see `pick_apart`).
     """
     pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
@@ -95,15 +94,15 @@ def rank_poses(
 
 
 def pick_apart(ranked: Sequence[se2.Array], config: EstimatorConfig, apart_rad: float = np.inf) -> list[se2.Array]:
-    """Picks poses that differ from each other.
+    """Picks the best poses that differ from each other in place or in yaw.
 
     Args:
-        ranked: poses (3,), the best first.
-        config: settings of the search.
+        ranked: poses (3,) as x, y [m], yaw [rad], the best first.
+        config: settings of the score; its first width s_start gives the size of the pixels.
         apart_rad: poses at one place differ if their yaws differ by more than this [rad].
 
     Returns:
-        at most `_PEAKS` poses (3,), the best first.
+        At most three poses (3,), the best first.
     """
     chosen: list[se2.Array] = []
     for pose in ranked:
@@ -120,7 +119,7 @@ class Image:
 
     Args:
         image: (K, K) values of the pixels.
-        cells: C, largest shift in each direction [pixels].
+        cells: C, largest shift along each axis [pixels].
     """
 
     def __init__(self, image: NDArray[np.float32], cells: int) -> None:
@@ -128,7 +127,9 @@ class Image:
         self._shifts = np.arange(-cells, cells + 1)
 
     def correlate(self, rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Returns the correlation (2 C + 1, 2 C + 1) with an image of which some pixels are one and all others zero.
+        """Returns the correlation with another image (K, K), of which some pixels are one and all others zero.
+
+        Entry [C + i, C + k] is the correlation with the other image shifted by i columns and k rows.
 
         Args:
             rows: (P,) rows of the pixels that are one, column by column.
@@ -190,7 +191,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
 @nb.njit(cache=True, inline="always")
 def _mirror(place: int, side: int) -> int:
-    """Mirrors the number of a pixel at the ends of a line of `side` pixels; numbers within the line stay the same."""
+    """Mirrors the number of a pixel at the ends of a line of `side` pixels; a number within the line stays the same."""
     place %= 2 * side
     return min(place, 2 * side - 1 - place)
 
@@ -235,16 +236,16 @@ def find_pixels(
 def add_up_around(
     padded: NDArray[np.float32], rows: NDArray[np.int64], begins: NDArray[np.int64], cells: int
 ) -> NDArray[np.float32]:
-    """Adds up the parts (2 C + 1, 2 C + 1) of an image around pixels: its correlation with the image of these pixels.
+    """Adds up the parts (2 C + 1, 2 C + 1) of an image around given pixels.
 
-    Everything that needs one column of the image is added while that column is in the cache. Four parts are added at a
-    time, which compilers turn into vector instructions.
+    The sum is the correlation of the image with an image in which these pixels are one. Everything that needs one column of
+    the image is added while that column is in the cache. Adding four parts at a time lets compilers use vector instructions.
 
     Args:
-        padded: (K + 2 C, K + 2 C) the image with C pixels around it.
-        rows: (P,) rows of the pixels in the image itself, column by column.
+        padded: (K + 2 C, K + 2 C) the image (K, K), with C more pixels at each edge.
+        rows: (P,) rows of the given pixels in the image without these edges, column by column.
         begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
-        cells: C, largest shift in each direction [pixels].
+        cells: C, largest shift along each axis [pixels].
     """
     width = 2 * cells + 1
     total = np.zeros((width, width), np.float32)
@@ -267,12 +268,10 @@ def add_up_around(
 
 @nb.njit(cache=True, nogil=True)
 def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, int, int]]:
-    """Returns value and two indices of the highest local maxima of a correlation (2 C + 1, 2 C + 1), the best first.
-
-    Only shifts within a circle with a radius of C pixels count.
+    """Returns the highest local maxima of a correlation as (value, first index, second index), the highest first.
 
     Args:
-        correlation: correlations at all shifts by at most C pixels in each direction.
+        correlation: (2 C + 1, 2 C + 1) result of `Image.correlate`; only shifts within a circle of C pixels count.
         most: largest number of maxima.
     """
     width = len(correlation)
@@ -298,7 +297,7 @@ def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, 
 
 @nb.njit(cache=True, nogil=True)
 def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
-    """Returns whether no neighbouring shift, within the circle, has a larger correlation.
+    """Returns whether no neighbouring shift within the circle of `_is_within` has a larger correlation than entry [i, k].
 
     The loop begins with the last neighbour: where the correlation rises in the order of the search, that neighbour is larger
     and ends the loop at once.
@@ -314,5 +313,5 @@ def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
 
 @nb.njit(cache=True, inline="always")
 def _is_within(along: int, across: int, cells: int) -> bool:
-    """Returns whether a shift lies within a circle around zero with a radius of `cells` pixels."""
+    """Returns whether a shift by `along` and `across` pixels is at most `cells` pixels long after rounding."""
     return along * along + across * across <= (cells + 0.5) ** 2

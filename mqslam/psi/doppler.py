@@ -1,10 +1,10 @@
 """Measures the radar's Doppler shift by psi.
 
-A frequency-modulated radar measures a wrong range to a target that it approaches: the error is beta times the closing
-speed. A target that passes from ahead to behind is therefore displaced by twice this error, and a map rendered with the
-wrong beta is blurred. The measured beta is the value that makes short stretches of the recording crispest. A wrong length of
-the range bins and a range offset bend a map in much the same way, and short stretches give inexact values. The measured
-beta is therefore combined with the usual beta of such radars.
+A frequency-modulated radar measures a wrong range to a target that it approaches: the measured range is too short by beta
+times the closing speed. In a map rendered with a wrong beta, a target that passes from ahead to behind is therefore
+displaced, and the map is blurred. The measured beta is the value that makes short stretches of the recording crispest. A
+wrong length of the range bins and a range offset bend a map in much the same way, and short stretches give inexact values.
+The measured beta is therefore combined with the usual beta of Navtech's radars.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from mqslam.psi.tracking.tracker import Tracker
 
 # Number of stretches of a recording on which psi measures the Doppler shift, and number of scans in each.
 _STRETCHES, _STRETCH_SCANS = 4, 12
-# Step between the Doppler shifts that are tried [s], and their number to either side of zero. They include Navtech's.
+# Step between the Doppler shifts that are tried [s], and number of steps to either side of zero. Their range includes the
+# shifts of Navtech's radars.
 _STEP_S, _STEPS = 0.05, 2
-# Share by which a Doppler shift must lower psi to be believed.
+# Share by which a Doppler shift must lower psi; a shift that lowers psi by less counts as zero.
 _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as zero [s]: it moves returns by only a tenth of their range error.
 _DOPPLER_LEAST = 0.01
 
 _USUAL_S: Final = 0.045  # shift of Navtech's radars: carrier over slope of the chirp is 0.03 to 0.06 s
 _USUAL_SIGMA_S: Final = 0.0075  # standard deviation of the usual shift: 0.03 to 0.06 s are two of them to either side
-_FEWEST: Final = 3  # fewest stretches whose shifts are compared with the usual one; fewer may agree with it by chance
+_FEWEST: Final = 3  # fewest stretches whose shifts are compared with the usual shift; fewer may agree by chance
 _OF_MEDIAN: Final = 1.2533  # by definition: standard deviation of a median, as a multiple of the mean's
 _FINEST: Final = 0.02  # least standard deviation of the vertex of a parabola, as a share of the step between tried shifts
-_CONTRADICTION: Final = 2.0  # a shift more than this many standard deviations from the usual one shows another kind of radar
+_CONTRADICTION: Final = 2.0  # a shift this many standard deviations from the usual shift shows another kind of radar
 
 
 class Doppler(NamedTuple):
@@ -46,8 +47,8 @@ class Doppler(NamedTuple):
 
     Args:
         beta: range shift per closing speed [s].
-        sigma: its standard deviation [s], without the errors that come from range bins and range offset; zero if the
-            settings state the shift or if there is none.
+        sigma: standard deviation of beta [s], without the errors that a wrong length of the range bins and a range offset
+            cause; zero if the settings state the shift or if there is no shift.
     """
 
     beta: float
@@ -57,8 +58,8 @@ class Doppler(NamedTuple):
 def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine) -> Doppler:
     """Measures the Doppler shift that makes the recording's map crispest.
 
-    The result is zero if no shift makes the map clearly crisper, unless most stretches show a shift that is usual for radars
-    of this kind.
+    The result is zero if no shift makes the map clearly crisper, unless most stretches show a shift that is usual for
+    Navtech's radars. It is also zero if no stretch of the recording can be tracked.
 
     Args:
         scans: scans of the recording.
@@ -74,7 +75,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     twists = engine.map(_find_first_twist, shared, stretches)
 
     def measure_all(betas: Sequence[float]) -> NDArray[np.float64]:
-        """Returns psi (B, S) with each shift on each stretch."""
+        """Returns psi per point (B, S) with each of B shifts [s] on each of S stretches."""
         cases = [(stretch, twist, beta) for beta in betas for stretch, twist in zip(stretches, twists, strict=True)]
         return np.array(engine.map(_measure_psi, shared, cases)).reshape(len(betas), len(stretches))
 
@@ -94,7 +95,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
-    """Returns whether most of at least three shifts [s] have the sign of beta and a usual size for Navtech's radars."""
+    """Returns whether there are three or more shifts [s], and most have the sign of beta and about the size of Navtech's."""
     usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
@@ -107,7 +108,7 @@ def _estimate_sigma(each: Sequence[float]) -> float:
 
 
 def _combine_with_usual(beta: float, sigma: float) -> Doppler:
-    """Combines a measured shift [s] with the usual shift of such radars, unless the two contradict each other."""
+    """Combines a measured shift [s] with Navtech's usual shift, weighted by information, unless the two contradict."""
     usual = float(np.copysign(_USUAL_S, beta))
     if abs(beta - usual) > _CONTRADICTION * np.hypot(sigma, _USUAL_SIGMA_S):
         return Doppler(beta, sigma)
@@ -121,7 +122,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
     Args:
         scans: scans of the recording.
         config: all settings; `sensor.doppler_beta` may state the shift.
-        engine: tracks the stretches on which the shift is measured.
+        engine: tracks the stretches of the recording; the result does not depend on it.
     """
     if config.sensor.doppler_beta is not None:
         return Doppler(config.sensor.doppler_beta)
@@ -130,7 +131,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
 
 
 def _choose_stretches(scans: Scans) -> list[Scans]:
-    """Chooses short stretches, spread over the recording, whose scans can all be tracked."""
+    """Chooses short stretches, spread over the recording, whose scans all hold enough returns."""
     length, count = _STRETCH_SCANS, _STRETCHES
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]
@@ -139,7 +140,7 @@ def _choose_stretches(scans: Scans) -> list[Scans]:
 
 
 def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> float:
-    """Returns the lowest point [s] of the parabola through the lowest score and its two neighbours on the grid [s]."""
+    """Returns the vertex [s] of the parabola through the lowest of the scores (B,) on a grid (B,) [s] and its neighbours."""
     k = int(np.clip(np.argmin(scores), 1, len(scores) - 2))
     below, here, above = scores[k - 1 : k + 2]
     bend = below - 2.0 * here + above
@@ -150,14 +151,14 @@ def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> floa
 
 
 def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scans) -> NDArray[np.float64]:
-    """Returns the twist (3,) [m/s, m/s, rad/s] of the radar at the start of a stretch."""
+    """Returns the twist (3,) of the radar at the start of a stretch: vx, vy [m/s], omega [rad/s]."""
     settings, estimator = shared
     matcher = Matcher(settings, estimator, beam_of(estimator, 0.0), scans.revolution_s)
     return find_first_motion(scans[:START_SCANS], matcher).motion[:3]
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
-    """Returns psi per point of a stretch that is tracked from a first twist (3,) with a Doppler shift [s]."""
+    """Tracks a case (scans, first twist (3,) [m/s, m/s, rad/s], Doppler shift [s]); returns psi per point."""
     (settings, estimator), (scans, twist, beta) = shared, case
     tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)
     tracker.start(scans[:START_SCANS], twist)

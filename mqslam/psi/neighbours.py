@@ -1,7 +1,8 @@
 """Neighbour search: points sorted into a grid of cells, and lists of near points that stay valid over small motions.
 
-When points move a little, their neighbours hardly change. A list reaches farther out than the score asks for (the skin of
-a Verlet list), and it stays valid until points have moved so far that a neighbour could be missing from it.
+When points move a little, their neighbours hardly change. A list holds points up to a radius that is larger than the reach
+of the score (the difference is the skin of a Verlet list). The list stays valid until points have moved so far that a
+neighbour within the reach could be missing from the list.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 _ROOM = 8  # number of neighbours per query for which memory is reserved at first; affects only speed
 _DENSE = 2**17  # largest number of cells for which `CellGrid.firsts` is filled; affects only speed
-_LAST = 2**22  # largest number of a column or row, whose cells also hold all points farther out; affects only memory
+_LAST = 2**22  # number of the last column and row, whose cells also hold all points farther out; affects only memory
 _WASTE = 2.0  # lists are renewed if they reach more than this many times as far as new lists would; affects only speed
 
 
@@ -28,8 +29,8 @@ class CellGrid(NamedTuple):
         rows: (M,) row of each sorted point.
         begins: (columns + 1,) index of the first sorted point of each column; the last entry is M.
         firsts: (columns, rows + 1) entry [c, r] is the index of the first sorted point of column c whose row is r or
-            higher. The table is empty if the grid has too many cells for the table to pay.
-        corner: (2,) m, lower left corner of the first cell.
+            higher. The table is empty if the grid has so many cells that the table would cost more time than it saves.
+        corner: (2,) x, y [m] of the lower left corner of the first cell.
         cell: side of a cell [m].
     """
 
@@ -50,7 +51,7 @@ class NearbyLists(NamedTuple):
         indices: (K,) indices of points, among the sorted points of the grid (`list_near`) or among the points as they
             were given to the grid (`find_candidates`).
         queries: (N, 2) m, positions of the queries when the lists were made.
-        radius: distance from the query within which points are listed [m].
+        radius: distance from a query within which points are listed [m].
     """
 
     offsets: NDArray[np.int64]
@@ -61,7 +62,7 @@ class NearbyLists(NamedTuple):
 
 @nb.njit(cache=True, nogil=True)
 def find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the smallest x and the smallest y (2,) of one or more points (M, 2)."""
+    """Returns the smallest x and the smallest y (2,) [m] of one or more points (M, 2) [m]."""
     left, low = points[0, 0], points[0, 1]
     for i in range(1, len(points)):
         left, low = min(left, points[i, 0]), min(low, points[i, 1])
@@ -75,7 +76,7 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
     Args:
         points: (M, 2) m.
         cell: side of a cell [m].
-        corner: (2,) m, lower left corner of the first cell, left of and below all points; None computes it.
+        corner: (2,) x, y [m] of the lower left corner of the first cell, below and left of all points; None computes it.
     """
     n = len(points)
     lowest = np.zeros(2)
@@ -92,7 +93,7 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
 
 @nb.njit(cache=True, inline="always")
 def find_cell(distance: float, cell: float) -> int:
-    """Returns the column or row at a distance [m] from the grid's corner, but at least 0 and at most `_LAST`."""
+    """Returns the number of the column or row at a distance [m] from the grid's corner, at least 0 and at most `_LAST`."""
     return max(0, min(int(np.floor(distance / cell)), _LAST))
 
 
@@ -102,10 +103,11 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
 
     Args:
         keys: (N,) key of each item, 0 or more.
-        order: (N,) numbers of the items in their present order.
+        order: (N,) indices of the items in their present order.
 
     Returns:
-        The numbers (N,) of the items in their new order, and for each of K keys the position (K + 1,) of its first item.
+        The indices (N,) of the items in their new order, and (K + 1,) the position of the first item of each of K keys,
+        with N as the last entry.
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
     for key in keys:
@@ -122,7 +124,7 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
 
 @nb.njit(cache=True, nogil=True)
 def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Returns the table `firsts` of a `CellGrid` with these `rows` and `begins`; it is empty if there are too many cells."""
+    """Returns the table `firsts` of a `CellGrid` from its `rows` and `begins`; it is empty if there are too many cells."""
     height = rows.max() + 1 if len(rows) else 0
     if (len(begins) - 1) * height > _DENSE:
         return np.empty((0, 0), np.int32)
@@ -139,7 +141,7 @@ def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[
 
 @nb.njit(cache=True, inline="always")
 def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
-    """Returns the first k, begin <= k < end, with rows[k] >= row, or `end` if there is none; the rows must be sorted."""
+    """Returns the first k, begin <= k < end, with rows[k] >= row; `end` if there is none. The rows must be sorted."""
     while begin < end:
         middle = (begin + end) // 2
         if rows[middle] < row:
@@ -151,10 +153,10 @@ def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points of a grid within a radius [m] of each query (N, 2) m, including a point at the query itself.
+    """Lists the points of a grid within a radius [m] of each query (N, 2) [m], including any point at the query itself.
 
-    Every candidate is written to the list, and the next one overwrites a candidate that is too far away. This spares a
-    branch that the processor cannot predict.
+    Every candidate is written to the list, and the next candidate overwrites it if it is too far away. This avoids a branch
+    that the processor cannot predict.
     """
     points, rows, begins, firsts, cell = grid.points, grid.rows, grid.begins, grid.firsts, grid.cell
     left_m, low_m = grid.corner[0], grid.corner[1]
@@ -185,7 +187,7 @@ def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> Ne
 
 @nb.njit(cache=True, nogil=True)
 def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points near each query (N, 2) m as `list_near` does, but by their indices among the unsorted points."""
+    """Lists the points near each query (N, 2) [m] like `list_near`, but by indices among the points as they were given."""
     near = list_near(grid, queries, radius)
     return NearbyLists(near.offsets, grid.order[near.indices], queries, radius)
 
@@ -201,13 +203,13 @@ def find_longest(offsets: NDArray[np.int64]) -> int:
 
 @register_jitable
 def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
-    """Returns whether lists still hold all neighbours of moved queries (N, 2) [m], and not too many points beyond the reach.
+    """Returns whether lists still hold all neighbours of moved queries (N, 2) [m], and few other points.
 
     Args:
         lists: lists that were made for the same number of queries.
         queries: present positions of the queries.
         reach: distance within which neighbours are needed [m].
-        skin: distance by which new lists would reach farther than needed [m].
+        skin: radius of new lists minus the reach [m].
         moves: 2 if the listed points move like the queries, 1 if the listed points are fixed.
     """
     need = reach + moves * measure_largest_move(queries, lists.queries)
@@ -226,7 +228,7 @@ def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> floa
 
 @nb.njit(cache=True, nogil=True)
 def mark_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NDArray[np.bool_]:
-    """Returns for each query (N, 2) [m] whether any point of a grid is nearer to the query than a radius [m]."""
+    """Returns a mask (N,) of the queries (N, 2) [m] that have any point of a grid within a radius [m]."""
     points, begins, corner, cell = grid.points, grid.begins, grid.corner, grid.cell
     marked = np.zeros(len(queries), np.bool_)
     for i in range(len(queries)):
