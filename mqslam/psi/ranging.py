@@ -1,15 +1,16 @@
-"""The errors of the radar's ranges, measured by psi: range offset and Doppler shift together.
+"""Measures the errors of the radar's ranges by psi: the range offset and the Doppler shift together.
 
-An object that is passed moves from ahead to behind. A range offset displaces it along the ray, outward or inward, and a
-Doppler shift displaces it against the direction of travel in proportion to the speed, so that both blur the map in ways
-that a motion cannot undo. Short stretches of the recording are rendered under the run's trajectory. The offset, the shift
-and a correction of the trajectory, linear between a few knots, are the state, and psi is minimised over it. The Schur
-complement of the curvature removes the correction; what is left is the information of the stretch about the two errors.
+A wrong range offset displaces an object along the ray, and a wrong Doppler shift displaces it along the direction of travel,
+in proportion to the speed. While the radar passes the object, these displacements change, so that both errors blur the map
+in ways that no motion can undo. Short stretches of the recording are rendered under the run's trajectory. psi is minimised
+over a state that holds the offset, the shift and a correction of the trajectory, which is linear between a few points in
+time (knots). The Schur complement of the curvature removes the correction. The rest is the information of the stretch about
+the two errors.
 
-psi cannot show a wrong length of the range bins, which scales map and motion alike. Nor can it show a constant angle between
-the first azimuth and straight ahead, which only rotates the whole map. Objects with depth, such as hedges, are seen behind
-their surface, and walls at a slant in front of it. This changes the offset that psi shows, and no drive can separate the two
-effects. The standard deviation of the offset therefore includes a tenth of a metre for them.
+psi cannot show a wrong length of the range bins, which scales map and motion alike. Nor can psi show a constant angle
+between the first azimuth and straight ahead, which only rotates the whole map. Objects with depth, such as hedges, are seen
+behind their surface, and walls at a slant in front of their surface. This changes the offset that psi shows, as a true
+offset does. The standard deviation of the offset therefore includes a tenth of a metre for such objects.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ from mqslam.psi.score import evaluate
 STRETCH_SCANS: Final = 12
 """Number of successive scans of a stretch."""
 _STRETCHES: Final = 24  # largest number of stretches, which are spread over the recording
-_KNOT_SCANS: Final = 4  # number of scans from one knot of the correction to the next
+_KNOT_SCANS: Final = 4  # number of scans between two knots
 _LEAST_PATH_M: Final = 10.0  # least path of a stretch [m]; on a shorter path the radar passes too few objects
 FEWEST_STRETCHES: Final = 5
 """Fewest stretches whose spread gives a covariance."""
-_USUAL: Final = np.array([0.3, 0.03])  # weak prior that keeps a step finite: larger offsets [m] and shifts [s] are unknown
-_TOLERANCES: Final = (2e-3, 2e-3, 1e-4), (2e-3, 5e-4)  # steps that end the search: of a knot [m, m, rad], of the errors
+_USUAL: Final = np.array([0.3, 0.03])  # standard deviations of a prior on offset [m] and shift [s]: keeps a step finite
+_TOLERANCES: Final = (2e-3, 2e-3, 1e-4), (2e-3, 5e-4)  # steps that end the search: of a knot [m, m, rad], of errors [m, s]
 _DIFFERENCE_STEP: Final = 4.0  # step of the differences that give the curvature, in units of the tolerances
 _FIRST_STEP: Final = 2  # step of the annealing that the search begins with: its width covers the errors of Navtech's radars
 _ROBUST: Final = 2.0  # stretches farther from the mean than this, in units of the usual distance, count for less
-_SURE: Final = 3.0  # number of standard deviations beyond which a range offset contradicts the offset in use
+_SURE: Final = 3.0  # more standard deviations than this between the measured offset and the offset in use contradict it
 _MEDIAN: Final = 1.386  # by definition: median of a chi-square with two degrees of freedom
 _DEPTH_M: Final = 0.1  # spread of the offset over kinds of objects: -0.13 to 0.01 m in four simulated worlds with offset 0
 _SHIFT_S: Final = 0.002  # spread of the Doppler shift in the same worlds
@@ -52,9 +53,10 @@ class RangeErrors(NamedTuple):
     """The errors of a radar's ranges as psi shows them.
 
     Args:
-        offset: true range of an object at rest minus its range among the returns [m], which a stated offset has corrected.
+        offset: true range of an object at rest minus the range of its return [m]. The ranges of the returns already include
+            the range offset in use.
         beta: range shift per closing speed [s].
-        covariance: (2, 2) covariance of offset and shift, from their spread over the stretches and over kinds of objects.
+        covariance: (2, 2) covariance of offset [m] and shift [s], from their spread over stretches and kinds of objects.
         lengthening: relative change of all lengths of the trajectory per metre of range offset [1/m].
         stretches: number of stretches that show the errors.
     """
@@ -72,11 +74,11 @@ class RangeErrors(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the true range offset differs from the offset in use by more than its uncertainty explains."""
+        """Whether the offset in use is wrong: `offset` differs from zero by more than three standard deviations."""
         return bool(abs(self.offset) > _SURE * self.sigmas[0])
 
     def describe(self, used: float) -> list[str]:
-        """Describes the errors in sentences for the user; the second one says what to do about the range offset.
+        """Describes the errors in two sentences for the user; the second sentence says what to do about the range offset.
 
         Args:
             used: range offset in use [m], which has been added to the ranges of the returns.
@@ -98,7 +100,8 @@ class _StretchErrors:
     Args:
         errors: (2,) range offset [m] and Doppler shift [s] at the minimum of psi on the stretch.
         information: (2, 2) curvature of psi by the two errors, after the correction of the trajectory was eliminated.
-        spread: (2, 2) sum over objects of the outer products of their scores.
+        spread: (2, 2) sum over objects of s s^T, where s (2,) is half the gradient of the object's share of psi by the
+            errors, after the same elimination.
         lengthening: relative change of the path's length per metre of range offset [1/m].
     """
 
@@ -115,10 +118,10 @@ def measure_range_errors(
 
     Args:
         scans: scans of the recording.
-        poses: (len(scans), 3) pose at the start of each scan.
+        poses: (len(scans), 3) x, y [m], yaw [rad] of the sensor at the start of each scan.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the stretches are measured; the result does not depend on it.
+        engine: measures the stretches; the result does not depend on the choice of the engine.
 
     Returns:
         The errors; None if fewer than five stretches show them.
@@ -131,13 +134,16 @@ def measure_range_errors(
 def measure_on_stretches(
     stretches: Sequence[tuple[Scans, se2.Array]], estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> RangeErrors | None:
-    """Measures range offset and Doppler shift from stretches of scans, as `measure_range_errors` does.
+    """Measures range offset and Doppler shift from given stretches of scans, as `measure_range_errors` does.
 
     Args:
-        stretches: successive scans, and the poses (K, 3) at their starts.
+        stretches: successive scans of each stretch, and their start poses (K, 3) as x, y [m], yaw [rad].
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the stretches are measured; the result does not depend on it.
+        engine: measures the stretches; the result does not depend on the choice of the engine.
+
+    Returns:
+        The errors; None if fewer than five stretches show them.
     """
     moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
     shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]
@@ -145,7 +151,7 @@ def measure_on_stretches(
 
 
 def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
-    """Returns the number of the first scan of each stretch; stretches do not overlap, and have no gaps and enough path."""
+    """Chooses up to 24 stretches with enough path, without gap or overlap; returns the number of each one's first scan."""
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
@@ -159,7 +165,7 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
 
 
 def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _StretchErrors | None:
-    """Measures the errors on one stretch; returns None if psi of this stretch has no minimum."""
+    """Measures the errors on one stretch; returns None if there are no returns or if psi has no minimum there."""
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
     returns = Returns.concatenate([scan.returns for scan in scans])
@@ -183,7 +189,7 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     motion, cross = curvature[:-2, :-2], curvature[:-2, -2:]
     if np.linalg.eigvalsh(motion)[0] <= 0.0:
         return None
-    follows = np.linalg.solve(motion, cross)  # minus the correction of the trajectory per error
+    follows = np.linalg.solve(motion, cross)  # the correction that makes up for a unit of each error, with opposite sign
     left = symmetric(curvature[-2:, -2:] - cross.T @ follows)
     if np.linalg.eigvalsh(left)[0] <= 0.0:
         return None
@@ -197,15 +203,15 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
 
 
 class Stretch:
-    """Returns of a few scans that can be rendered as points under a state.
+    """A stretch of a few scans, whose returns can be rendered as points under a state.
 
-    The state holds a correction (x, y [m], yaw [rad]) of the trajectory at each knot but the first, which is fixed, and
-    then the range offset [m] and the change of the Doppler shift [s].
+    The state holds a correction (x, y [m], yaw [rad], added to the poses) at each knot but the first, where nothing is
+    corrected, then the range offset [m], and last the difference of the Doppler shift [s] from the shift in `beam`.
 
     Args:
         returns: returns of successive scans.
-        times: (K,) starts of the scans [s].
-        poses: (K, 3) poses at these times.
+        times: (K,) starts of the scans [s since the recording's start].
+        poses: (K, 3) x, y [m], yaw [rad] of the sensor at these times.
         revolution_s: duration of a turn of the radar [s].
         beam: the sensor's errors.
     """
@@ -231,11 +237,11 @@ class Stretch:
 
     @property
     def knots(self) -> int:
-        """Number of knots at which the trajectory is corrected."""
+        """Number of knots at which the trajectory is corrected, without the first knot."""
         return int(self._weights.shape[1])
 
     def render(self, state: NDArray[np.float64]) -> PointSet:
-        """Renders the returns under a state (3 * knots + 2,)."""
+        """Renders the returns under a state (3 * knots + 2,), in the frame of the poses."""
         weights, beta = self._weights, self._beam.doppler_beta + state[-1]
         x, y, yaw = (weights @ state[:-2].reshape(-1, 3)).T
         ranges = self._returns.ranges + state[-2] + beta * self._closing
@@ -255,7 +261,7 @@ class Stretch:
 
 
 def _combine(shown: Sequence[_StretchErrors]) -> RangeErrors:
-    """Returns the mean of all stretches' errors, weighted by information; stretches far from the mean count for less."""
+    """Combines the errors of all stretches to their mean, weighted by information; stretches far from it count for less."""
     errors, information = np.array([one.errors for one in shown]), np.array([one.information for one in shown])
     inverse = np.linalg.inv(information)
     covariances = inverse @ np.array([one.spread for one in shown]) @ inverse

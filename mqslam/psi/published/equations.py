@@ -1,4 +1,4 @@
-"""The published map-quality score, equations (4) and (8) to (10), for a rendered window.
+"""Computes the published map-quality score, equations (4) and (8) to (10), of a rendered window.
 
     kappa_ij = exp(-((s_ij - alpha_s)/beta_s)^2) exp(-((t_ij - alpha_t)/beta_t)^2)      (8)
     s_o(i)   = s_ij at the largest kappa_ij; only pairs with kappa_ij > xi take part
@@ -6,14 +6,15 @@
     S_ij     = L(s_ij) s_ij                                                             (10)
     psi      = sum_i sum_j S_ij^2                                                       (4)
 
-Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected neighbour
-costs nothing, so a map of scans that do not overlap scores best of all. The setting `unmatched` charges each such point,
-as a separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
+s_ij is the distance between points i and j, and t_ij the difference of their times. Source: "Motion Estimation from Map
+Quality with Millimeter Wave Radar". As printed, a point without a selected neighbour costs nothing, so a map of scans that
+do not overlap scores best of all. The setting `unmatched` adds a charge for each such point, in units of the most that a
+single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
 Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
 q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. If several pairs have
 the least q, the pair with the smallest distance counts as the best, and among equal distances the pair with the smallest
-index. `mqslam.psi.published.reference` holds a readable version of this module.
+index j. `mqslam.psi.published.reference` holds a readable version of this module.
 """
 
 from __future__ import annotations
@@ -36,15 +37,15 @@ XI = 0.02
 
 @dataclass(frozen=True, slots=True)
 class PsiScore:
-    """The published score of a rendered window and its parts.
+    """The published score of N points of a rendered window, and the parts of this score.
 
     Args:
         pairs_psi: sum of S_ij^2 over selected pairs, equation (4).
-        charge: cost of all unmatched points together.
+        charge: sum of the charges of all points without a selected neighbour.
         pairs: number of ordered pairs that took part.
         matched: (N,) bool, whether point i has a selected neighbour.
         shares: (N,) each point's share of psi, its charge included.
-        gradient: (P,) derivative of psi by the motion parameters; empty where no jacobians were given.
+        gradient: (P,) derivatives of psi by P motion parameters; empty if no jacobians were given.
     """
 
     pairs_psi: float
@@ -68,16 +69,16 @@ def score(
     jacobians: NDArray[np.float64] | None = None,
     lists: NearbyLists | None = None,
 ) -> PsiScore:
-    """Scores a rendered window.
+    """Computes the published score of a rendered window.
 
     Args:
         points: (N, 2) m, any frame: the score is invariant under rigid motion.
-        times: (N,) s: only differences matter.
+        times: (N,) s from any origin: only differences matter.
         revolution_s: duration of one revolution of the radar [s], the default of alpha_t.
         config: parameters of the score.
-        jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient.
-        lists: candidate neighbours that include all points within `config.s`, for example kept from a similar motion; None
-            finds them anew.
+        jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient; None computes no gradient.
+        lists: lists by `find_candidates` of all points within `config.s` or more of each point, for example from a similar
+            motion; None makes new lists.
 
     Raises:
         ValueError: points or times are not finite, or their shapes do not fit.
@@ -125,10 +126,10 @@ class _Parameters(NamedTuple):
     """The parameters of the score as the compiled functions take them.
 
     Args:
-        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in the equations [m, m, m, s, s, 1].
+        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in the equations [m, m, m, s, s, without unit].
         latest: upper limit of (t - alpha_t)/beta_t: 0 if the temporal kernel is a plateau, else infinite.
-        half: tau/2.
-        top: numerator of L, divided by pi.
+        half: tau/2 [m].
+        top: numerator of L, divided by pi [m].
         by_kappa: whether S is L times kappa rather than L times the distance.
     """
 
@@ -152,7 +153,7 @@ def _score(
     lists: NearbyLists,
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Returns each point's share (N,) of the pair sum, its number (N,) of selected neighbours, and the gradient (P,)."""
+    """Returns the sum (N,) of S_ij^2 over j, the number (N,) of selected neighbours, and the gradient (P,) of psi."""
     s, alpha_s, beta_s, alpha_t, beta_t, xi, latest, half, top, by_kappa = parameters
     offsets, indices = lists.offsets, lists.indices
     n, with_gradient = len(points), jacobians.shape[2] > 0
@@ -223,7 +224,10 @@ def _score(
 
 @nb.njit(cache=True, nogil=True)
 def _find_best(chosen: NDArray[np.int64], distance: NDArray[np.float64], exponent: NDArray[np.float64], count: int) -> int:
-    """Returns the index of the largest kappa among a point's first `count` pairs."""
+    """Returns the index k, 0 <= k < count, of a point's pair with the largest kappa.
+
+    For pair k of the point, `chosen` holds the index of the neighbour, `distance` s_ij [m], and `exponent` q.
+    """
     best = 0
     for k in range(1, count):
         q, d = exponent[k], distance[k]

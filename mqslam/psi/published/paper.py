@@ -1,10 +1,11 @@
-"""The paper's table I and its figures 2 and 3, reproduced on simulated drives.
+"""Reproduces the paper's Table I and its Figures 2 and 3 on simulated drives.
 
-Table I holds the motions of three constant drives: as the paper obtained them, as an exhaustive search with the published
-score finds them, and by our estimator. The figures show how psi falls as the motion approaches the true one, and how motion
-compensation changes the map of each case. The paper's sensor is simulated on a slow robot outdoors between buildings. The
-constants that describe the drives and the sensor, and those named `PAPER_`, are the paper's, or define our simulation of
-its experiment; the others set the look of the figures.
+A case is a drive with constant forward speed v and yaw rate omega. Table I holds the motions of three cases: as the paper
+obtained them, as an exhaustive search with the published score finds them, and as our estimator finds them. Figure 2 shows
+how psi falls as the assumed motion approaches the true motion, and Figure 3 how motion compensation changes the map of each
+case. The paper's sensor is simulated on a slow robot outdoors between buildings (a yard). The constants that describe the
+drives and the sensor, and the constants named `PAPER_`, are the paper's, or define our simulation of its experiment; the
+other constants set the look of the figures.
 """
 
 from __future__ import annotations
@@ -83,10 +84,10 @@ class ExhaustiveSearch:
     """The motions that an exhaustive search tries in two rounds.
 
     Args:
-        speeds: (V,) m/s that the first round tries.
-        yaw_rates: (W,) rad/s that the first round tries.
-        fine_speeds: (X,) m/s that the second round adds to the first round's best speed.
-        fine_yaw_rates: (Y,) rad/s that the second round adds to the first round's best yaw rate.
+        speeds: (V,) speeds that the first round tries [m/s].
+        yaw_rates: (W,) yaw rates that the first round tries [rad/s].
+        fine_speeds: (X,) differences from the first round's best speed that the second round tries [m/s].
+        fine_yaw_rates: (Y,) differences from the first round's best yaw rate that the second round tries [rad/s].
     """
 
     speeds: NDArray[np.float64]
@@ -108,9 +109,9 @@ class Table1Row:
     Args:
         case: true v [m/s], omega [rad/s].
         method: `PAPER` or one of `METHODS`.
-        obtained: (S, 2) v [m/s], omega [rad/s] for each seed; the paper has one.
-        worst: (S,) bool, whether the method's score ranks the map of the true motion last of three maps; the other two are
-            those of no motion and of half the motion. None if the method is not a published score.
+        obtained: (S, 2) v [m/s], omega [rad/s] for each of S seeds; a single row for the paper.
+        worst: (S,) bool, whether the method's score of the map is worse under the true motion than under half the motion
+            and than without motion. None if the method is not a published score.
     """
 
     case: tuple[float, float]
@@ -125,11 +126,11 @@ class Table1Row:
 
     @property
     def rms(self) -> NDArray[np.float64]:
-        """Root mean square error (2,) of v [m/s], omega [rad/s] over the seeds."""
+        """Root mean square errors (2,) of v [m/s], omega [rad/s] over the seeds."""
         return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
 
     def tree(self) -> dict[str, object]:
-        """Returns the row as a tree of JSON values."""
+        """Returns the row as a tree of JSON values, in m/s and rad/s."""
         return {
             "actual": dict(zip(("v", "omega"), self.case, strict=True)),
             "method": self.method,
@@ -151,12 +152,12 @@ def compute_table1(
     """Computes Table I: the motions that the paper and every method obtain in every case.
 
     Args:
-        seeds: number of simulations of each drive, each with its own yard and noise; their seeds are 0 to seeds - 1.
+        seeds: number of simulations of each case, each with its own yard and noise; the seeds are 0 to seeds - 1.
         scans: number of scans in a window.
-        jobs: number of processes; the result does not depend on it.
-        cases: v [m/s], omega [rad/s] of each drive.
+        jobs: number of processes; the result does not depend on this number.
+        cases: v [m/s], omega [rad/s] of each case.
         search: motions that the exhaustive search tries.
-        progress: called after each trial with (stage, trials done, trials in all).
+        progress: called after each trial (one case with one seed) with "table1", trials done, and trials in all.
     """
     trials = [(case, seed, scans) for case, seed in product(cases, range(seeds))]
 
@@ -177,7 +178,7 @@ def compute_table1(
 
 
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
-    """Simulates the drive of a case in the yard of a seed; returns one window with the returns of the default detector."""
+    """Simulates a case (v [m/s], omega [rad/s]) in the yard of a seed; returns a window of the detected returns."""
     drive, estimator = ConstantDrive(*case), EstimatorConfig()
     recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
@@ -185,7 +186,7 @@ def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
 
 
 def estimate_motion(window: Window) -> WindowMotion:
-    """Estimates v [m/s], omega [rad/s] of a window without an initial guess."""
+    """Estimates v [m/s], omega [rad/s] of a window by our estimator, without an initial guess."""
     return window.find(SPEEDS, YAW_RATES, CONSTANT_VELOCITY)
 
 
@@ -193,7 +194,8 @@ def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, 
     """Returns the motion that each method obtains in a trial (case, seed, number of scans).
 
     Returns:
-        (methods, 3): v [m/s], omega [rad/s], and 1 if the method's score is highest at the right motion, else 0.
+        (methods, 3): v [m/s], omega [rad/s], and 1 if the method's score is worst (highest) at the true motion, compared
+        with half the motion and with no motion, else 0; always 0 for our estimator.
     """
     window = simulate_window(*trial)
     right = np.array(trial[0])
@@ -210,7 +212,7 @@ def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, 
 
 
 def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-    """Returns the v [m/s], omega [rad/s] (2,) at the lowest score of a grid (V, W)."""
+    """Returns v [m/s], omega [rad/s] (2,) at the lowest score of a grid (V, W) of speeds (V,) and yaw rates (W,)."""
     i, k = np.unravel_index(int(np.argmin(scores)), scores.shape)
     return np.array([speeds[i], yaw_rates[k]])
 
@@ -218,7 +220,7 @@ def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_r
 def _score_grid(
     window: Window, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], variants: Sequence[PsiConfig]
 ) -> NDArray[np.float64]:
-    """Returns the published scores (V, W, variants) of a window on a grid of speeds (V,) m/s and yaw rates (W,) rad/s."""
+    """Returns each variant's scores (V, W, variants) of a window on a grid of speeds (V,) [m/s], yaw rates (W,) [rad/s]."""
     scores = np.empty((len(speeds), len(yaw_rates), len(variants)))
     s = max(variant.s for variant in variants)
     for i, v in enumerate(speeds):
@@ -247,7 +249,7 @@ def format_table(rows: Sequence[Table1Row]) -> str:
 
 
 def describe_algorithm1(rows: Sequence[Table1Row]) -> str:
-    """Describes in how many windows Algorithm 1, as it is printed, ranks the right map last."""
+    """Returns a sentence on the number of windows in which Algorithm 1, as printed, ranks the right map last."""
     worst = np.concatenate([row.worst for row in rows if row.method == ALGORITHM_1 and row.worst is not None])
     return (
         f"Algorithm 1, as printed, ranks the right map last in {worst.sum()} of {len(worst)} windows, behind those of no "
@@ -262,9 +264,9 @@ class Rendering:
     Args:
         name: description of the motion.
         motion: (2,) v [m/s], omega [rad/s].
-        points: (N, 2) m, sensor frame at the window's start.
-        scan: (N,) index of the scan that each point was seen in.
-        psi: the score.
+        points: (N, 2) x, y [m] in the sensor's frame at the window's start.
+        scan: (N,) index of each point's scan within the window.
+        psi: the published score of the points.
     """
 
     name: str
@@ -291,7 +293,7 @@ def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> lis
 
 
 def compute_figure2() -> dict[str, list[float]]:
-    """Returns the scores of Figure 2's bad, better and good map: those the paper prints, and each variant's in our yard."""
+    """Returns the scores of Figure 2's bad, better and good map, by source: the paper, and each variant in our yard."""
     shown = {name: [m.psi for m in render_figure2(variant=variant)] for name, variant in VARIANTS.items()}
     return {PAPER: list(PAPER_SCORES), **shown}
 
@@ -303,7 +305,7 @@ def format_figure2(scores: Mapping[str, Sequence[float]]) -> str:
 
 
 def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
-    """Renders the windows of the three cases, each before and after motion compensation."""
+    """Renders a window of each case twice: without motion, and with the estimated motion (motion compensation)."""
     windows = [simulate_window(case, seed, SCANS) for case in CASES]
     return [
         (
@@ -318,7 +320,7 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
     """Writes figure2.png and figure3.png into a folder, which is created if necessary.
 
     Yields:
-        The path of each figure, and the scores that the figure shows as one line.
+        The path of each figure, and one line of text with the scores that the figure shows.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -336,12 +338,12 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
 
 
 def _format_scores(maps: Sequence[Rendering]) -> str:
-    """Returns the scores of maps as one line."""
+    """Returns the scores of maps in one line of text, such as "psi 300 > 200 > 100"."""
     return "psi " + " > ".join(f"{m.psi:.0f}" for m in maps)
 
 
 def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
-    """Writes a figure with rows of maps and returns its path; `labels` holds one text for all maps or one per column."""
+    """Writes a figure of maps in rows, and returns the figure's path; `labels` has one text in all or one per column."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -360,7 +362,7 @@ def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) ->
 
 
 def _draw_map(axes: Axes, shown: Rendering) -> None:
-    """Draws one map with its returns coloured by scan, and writes its motion and its score above it."""
+    """Draws a map with points coloured by scan, and writes the name of its motion and its score above the map."""
     for k, colour in enumerate(_COLOURS):
         x, y = shown.points[shown.scan == k].T
         axes.plot(x, y, ".", color=colour, markersize=3.2, markeredgewidth=0.0, zorder=2 + k)

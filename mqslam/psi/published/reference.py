@@ -1,6 +1,6 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`: the tests compare those modules with them.
+"""Computes the scores of `mqslam.psi.published.equations` and `mqslam.psi.score` readably; tests compare the results.
 
-The twins compute the equations literally, and are slow.
+The functions here follow the equations literally, and are slow.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def score_reference(
     config: PsiConfig,
     jacobians: NDArray[np.float64] | None = None,
 ) -> PsiScore:
-    """Scores a rendered window; arguments and result are as in `mqslam.psi.published.equations.score`."""
+    """Scores a rendered window, with the arguments and the result of `mqslam.psi.published.equations.score`."""
     check_points(points, times)
     n = len(points)
     size = 0 if jacobians is None else jacobians.shape[2]
@@ -76,9 +76,14 @@ def evaluate_reference(
     kernel: Kernel,
     moving_references: bool,
 ) -> PsiEvaluation:
-    """Scores query points against reference points, with the arguments and the result of `mqslam.psi.score.evaluate`.
+    """Scores query points against reference points, like `mqslam.psi.score.evaluate`.
 
-    `moving_references` says whether the references move with the same state as the queries.
+    Args:
+        queries: points to score.
+        references: points that the queries are compared with.
+        scale: widths of the score.
+        kernel: parameters of the score besides its widths.
+        moving_references: whether the references move with the same state as the queries.
     """
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
