@@ -184,11 +184,7 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a list of one warning about polar scans that could not be read; an empty list if there are none.
-
-    Args:
-        unread: the error of each such polar scan, by the scan's number in the recording.
-    """
+    """Returns a list of one warning about unread polar scans, given their errors by number; an empty list without errors."""
     if not unread:
         return []
     several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"

@@ -189,17 +189,10 @@ def minimise(
 
 
 class Rendered:
-    """Points that are rendered and scored at one state after another.
+    """Points that are rendered and scored at one state after another; the arguments are those of `minimise`.
 
-    Lists of neighbours are kept from state to state as long as no neighbour can be missing.
-
-    Args:
-        render: as in `minimise`.
-        references: as in `minimise`.
-        kernel: parameters of the score besides its widths.
-
-    Attributes:
-        jacobians: (N, 2, Q) jacobians of the points rendered last.
+    Lists of neighbours are kept from state to state as long as no neighbour can be missing. `jacobians` (N, 2, Q) belong to
+    the points rendered last.
     """
 
     def __init__(

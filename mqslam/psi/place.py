@@ -110,13 +110,8 @@ def compute_beam_covariance(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Returns the terms xx, xy, yy [m^2] of the covariance of returns whose ray points along the unit vector (ux, uy).
 
-    Arguments and results are arrays (N,), or single numbers in a compiled function.
-
-    Args:
-        ranges: distances from the sensor [m].
-        ux: x component of the rays' unit vectors, in the frame of the covariance.
-        uy: y component of the same vectors.
-        beam: the sensor's errors.
+    Vectors and covariances have the same frame. `ranges` [m], `ux`, `uy` and the results are arrays (N,), or single numbers
+    in a compiled function.
     """
     along = beam.sigma_range * beam.sigma_range
     across = (ranges * beam.sigma_azimuth) ** 2

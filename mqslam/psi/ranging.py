@@ -134,16 +134,9 @@ def measure_range_errors(
 def measure_on_stretches(
     stretches: Sequence[tuple[Scans, se2.Array]], estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> RangeErrors | None:
-    """Measures range offset and Doppler shift from given stretches of scans, as `measure_range_errors` does.
+    """Measures range offset and Doppler shift from given stretches, like `measure_range_errors`.
 
-    Args:
-        stretches: successive scans of each stretch, and their start poses (K, 3) as x, y [m], yaw [rad].
-        estimator: settings of the score.
-        beam: the sensor's errors.
-        engine: measures the stretches; the result does not depend on the choice of the engine.
-
-    Returns:
-        The errors; None if fewer than five stretches show them.
+    A stretch is K successive scans and their start poses (K, 3) as x, y [m], yaw [rad].
     """
     moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
     shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]

@@ -206,10 +206,7 @@ def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, k
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
-    """Scores queries against the references near them, and returns the fields of a `PsiEvaluation`.
-
-    `knows_aspects` says whether the viewing directions of all queries and references are known.
-    """
+    """Returns the fields of a `PsiEvaluation` of queries; `knows_aspects` says whether all viewing directions are known."""
     n, size = len(queries.points), queries.jacobians.shape[2]
     sums, pulls = np.empty((n, 10)), np.zeros((n if len(near.jacobians) else 0, 2, size))
     rays = queries.rays[: n if knows_aspects else 0]

@@ -144,11 +144,9 @@ class Window:
         return np.array([speeds[v], 0.0, yaw_rates[w]])
 
     def estimate(self, start: se2.Array, model: MotionModel = CONSTANT_TWIST) -> WindowMotion:
-        """Estimates the motion that makes the map crispest.
+        """Estimates the motion that makes the map crispest, beginning at a twist (3,): vx, vy [m/s], omega [rad/s].
 
-        Args:
-            start: (3,) vx, vy [m/s], omega [rad/s] at which the search begins; the widest scale must cover its error.
-            model: motion model of the window.
+        The widest scale must cover the error of this twist.
         """
         config, tolerances = self.config, _list_tolerances(model)
         free = Prior(np.zeros(model.size), np.zeros((model.size, model.size)))

@@ -76,14 +76,9 @@ def evaluate_reference(
     kernel: Kernel,
     moving_references: bool,
 ) -> PsiEvaluation:
-    """Scores query points against reference points, like `mqslam.psi.score.evaluate`.
+    """Scores query points against reference points, with the arguments and the result of `mqslam.psi.score.evaluate`.
 
-    Args:
-        queries: points to score.
-        references: points that the queries are compared with.
-        scale: widths of the score.
-        kernel: parameters of the score besides its widths.
-        moving_references: whether the references move with the same state as the queries.
+    `moving_references` says whether the references move with the same state as the queries.
     """
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)

@@ -1,1 +1,1 @@
-"""Odometry by psi: each scan is matched to a running map."""
+"""Tracks a recording by psi: matches each scan to a running map of the last keyframes."""

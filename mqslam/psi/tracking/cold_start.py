@@ -27,15 +27,15 @@ from mqslam.psi.tracking.state import (
 )
 from mqslam.psi.window import Window
 
-# Number of scans from which a track finds its first motion: three show an acceleration, too.
+# Number of scans from which a track finds its first motion: three scans show an acceleration, too.
 START_SCANS = 3
-# The step between the speeds tried is the annealing's widest reach per revolution of the radar, divided by this number. The
-# minimiser then surely finds the minimum from the nearest of these speeds.
+# The step between the speeds that are tried is the score's first width s_start per revolution of the radar, divided by this
+# number. The minimiser then surely finds the minimum from the nearest of these speeds.
 _START_SPEEDS = 13.0
-# Step between the yaw rates tried, and largest rotation of the sensor that the motion model integrates exactly, both per
-# scan [rad].
+# Step between the yaw rates that are tried, and the largest rotation that the motion model integrates exactly, both per scan
+# [rad].
 _START_YAW_STEP, _MOST_TURN = 0.025, 1.0
-# Standard deviations of twist and accelerations, with a mean of zero, in directions that psi does not observe at a start.
+# Standard deviations around rest of vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2] that psi does not observe.
 _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
 
 
@@ -44,11 +44,12 @@ class FirstMotion:
     """The motion of a few scans, found from these scans alone.
 
     Args:
-        motion: (5,) twist and accelerations at the first scan; zero in directions that psi does not observe.
-        covariance: (5, 5) covariance of the motion, large in directions that psi does not observe. Where accelerations were
-            not estimated, the covariance includes process noise.
-        matched: share of the returns that have a neighbour in another scan.
-        observed: whether psi observes every direction.
+        motion: (5,) vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2] at the first scan. In directions that psi does
+            not observe, the motion is near odometry's if odometry was given, else near zero.
+        covariance: (5, 5) covariance of the motion, large in directions that psi does not observe. It includes process
+            noise if only two scans were given, since the accelerations are then not estimated.
+        matched: share of the returns that have a selected neighbour.
+        observed: whether psi observes every direction of the motion.
     """
 
     motion: se2.Array
@@ -65,8 +66,8 @@ def find_first_motion(
     Args:
         scans: two or three scans with returns.
         matcher: holds the bounds of the exhaustive search, the process noise, the settings of the score, and the sensor.
-        begin: (3,) twist near the truth, or None for an exhaustive search.
-        odometry: (3,) twist from odometry: a second start for the minimiser where psi does not observe every direction.
+        begin: (3,) vx, vy [m/s], omega [rad/s] near the truth, at which the minimiser starts; None searches exhaustively.
+        odometry: (3,) the same by odometry, a second start that is used if psi does not observe every direction; or None.
     """
     if begin is None:
         begin = _search_twist(scans, matcher)
@@ -93,7 +94,10 @@ def find_first_motion(
 
 
 def _search_twist(scans: Sequence[Scan], matcher: Matcher) -> se2.Array:
-    """Finds the twist (3,) of the first two scans by exhaustive search over speed and yaw rate, with strong returns."""
+    """Searches speeds and yaw rates for the twist (3,) of the first two scans: vx, vy = 0 [m/s], omega [rad/s].
+
+    Only the stronger half of the returns is used.
+    """
     revolution_s, (slowest, fastest) = matcher.revolution_s, matcher.speeds
     returns = Returns.concatenate([scan.returns for scan in scans[:2]])
     strong = returns.take(returns.intensities >= np.median(returns.intensities))

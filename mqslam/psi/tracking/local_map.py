@@ -1,4 +1,4 @@
-"""The running map: the rendered returns of the last keyframes; and the settings for matching a track to this map."""
+"""Holds the running map, which consists of the rendered returns of the last keyframes, and the settings of matches to it."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ _GROWN_KEYFRAMES = 8
 
 
 class Tuning(NamedTuple):
-    """The settings for matching a track to its map. Code whose results must stay comparable sets its own values.
+    """The settings for matching a track to its map.
 
     Args:
-        keyframe_m: a scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.
-        keyframe_rad: a scan also joins the map when the sensor has rotated by more than this [rad].
-        keyframes: number of scans that the map holds.
+        keyframe_m: a scan joins the map if it is farther than this from the keyframe nearest in time [m]. A map of few
+            keyframes takes scans at shorter distances.
+        keyframe_rad: a scan also joins the map if its yaw differs from this keyframe's yaw by more than this [rad].
+        keyframes: largest number of scans that the map holds.
         final_width: factor on the final widths s and beta_s where a scan is matched to the map, whose many keyframes scatter
             more than the scans of a window.
-        first_step: first step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the
-            match than the start of a search is, and the widest scale pulls scans back to where the map is denser.
+        first_step: first step of the annealing at which the match of a predicted scan begins. The widths of step 0 are not
+            needed from a prediction, and would pull scans back to where the map is denser.
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
-        doubtful_psi: a match whose psi per return is more than this many times the usual psi per return may be at a wrong
-            minimum. Better matches are then looked for ahead of it, behind it, and rotated to either side.
+        doubtful_psi: a match whose psi per return is more than this many times its usual value may be at a wrong minimum.
+            Better matches are then looked for ahead of the match, behind the match, and rotated to either side.
         search_rad: least half width of the search for a scan in yaw [rad].
         correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
-        sees_part: whether a scan shows only a part of what is around, so that a sensor that turns sees new things.
+        sees_part: whether a scan shows only a part of the surroundings, so that a sensor that turns sees new objects.
         fades: whether neighbours that were seen less than a revolution before or after a return weigh less.
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
         apart_blur: factor on the blur of such a neighbour.
@@ -63,7 +64,7 @@ SURFACES = Tuning(
 
 @dataclass(frozen=True, slots=True)
 class _Keyframe:
-    """A scan that the map keeps: its start [s], its start pose (3,) and its points."""
+    """A scan that the map keeps: its start [s], its start pose (3,) [m, m, rad] and its points, in the map's frame."""
 
     t0: float
     pose: se2.Array
@@ -71,11 +72,14 @@ class _Keyframe:
 
 
 class LocalMap:
-    """A sliding window of keyframes in the order of time, whose poses stay fixed while scans are matched to them.
+    """The latest keyframes in the order of time, whose poses stay fixed while scans are matched to their points.
 
     Args:
-        tuning: says how many keyframes the map holds, and how far they are apart.
+        tuning: states how many keyframes the map holds, and how far apart they are.
         chosen: starts [s] of the offered scans that the map keeps; None keeps scans that are far apart.
+
+    Attributes:
+        references: the points of all keyframes, as references of the score.
     """
 
     def __init__(self, tuning: Tuning, chosen: Collection[float] | None = None) -> None:
@@ -96,22 +100,18 @@ class LocalMap:
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
         """Keeps a rendered scan if it was chosen, or, without a choice, if it is far from the keyframe nearest in time.
 
+        The first scan is always kept.
+
         Args:
             t0: start of the scan [s], earlier or later than all keyframes.
-            pose: (3,) start pose of the scan.
-            placed: points of the scan.
+            pose: (3,) x, y [m], yaw [rad] of the sensor at t0, in the map's frame.
+            placed: points of the scan in the map's frame.
         """
         if self._is_far(t0, pose) if self._chosen is None or not self._keyframes else t0 in self._chosen:
             self.add(t0, pose, placed)
 
     def add(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keeps a rendered scan wherever it lies; the oldest keyframe leaves when the map is full.
-
-        Args:
-            t0: start of the scan [s].
-            pose: (3,) start pose of the scan.
-            placed: points of the scan.
-        """
+        """Keeps a rendered scan (arguments as in `offer`) as a keyframe; a full map drops its earliest keyframe."""
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._tuning.keyframes :]
         self.references = make_references(_join(self._keyframes))
@@ -128,7 +128,7 @@ class LocalMap:
 
 
 def _join(keyframes: list[_Keyframe]) -> PointSet:
-    """Joins the points of keyframes, without their jacobians: a map does not move."""
+    """Joins the points of keyframes to one set without jacobians, since a map does not move."""
     parts = [keyframe.placed for keyframe in keyframes]
     return PointSet(
         points=np.concatenate([np.empty((0, 2)), *(p.points for p in parts)]),

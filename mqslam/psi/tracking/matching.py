@@ -37,16 +37,16 @@ from mqslam.psi.tracking.state import (
 )
 from mqslam.psi.window import RIVAL
 
-# Change of yaw rate per 0.25 s that yaw acceleration does not explain, for the first scans of a track, whose rotation is
-# hardly known yet [rad/s].
+# For the first scans of a track, whose rotation is hardly known yet: change of yaw rate per 0.25 s [rad/s] that yaw
+# acceleration does not explain.
 _START_OMEGA = 0.08
 # Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.
 _MATCHING_STEPS = 24
-# The search ends with a step shorter than this many standard deviations, as psi's curvature states them.
+# A step shorter than this many standard deviations of the state ends the search (`Search.settled`).
 _SETTLED = 0.05
-# A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
-# many standard deviations of the rise. Along a bare corridor some shift always raises psi by less than 1.5 standard
-# deviations, in streets full of traffic every shift raises it by 2.2 or more.
+# A direction that seems not observed counts as observed if every shift of the scan along this direction raises psi by more
+# than this many standard deviations of the rise. Along a bare corridor some shift always raises psi by less than 1.5 such
+# deviations; in streets full of traffic every shift raises psi by 2.2 or more.
 _DISTINCT_SIGMAS = 2.0
 
 # Largest angle by which a scan is rotated to find a better match near a doubtful match [rad]. A vehicle that begins to
@@ -54,7 +54,7 @@ _DISTINCT_SIGMAS = 2.0
 _BESIDE_TURN = 0.08
 # Number of angles that are tried to either side of a doubtful match.
 _BESIDE_TURNS = 4
-# Half width of the search for a scan around its prediction, in the prediction's standard deviations.
+# Half width of the search for a scan around the predicted pose, in standard deviations of the prediction.
 _SEARCH_SIGMAS = 2.0
 # Least and largest half width of the search for a scan in position [m] and in yaw [rad], whatever the prediction states.
 _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
@@ -62,7 +62,7 @@ _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
 @dataclass(frozen=True, slots=True)
 class Matcher:
-    """A matcher of the scans of a track to a map, with its settings.
+    """Matches the scans of a track to a map. A match is the state at a minimum of psi, as a `Minimum`.
 
     Args:
         settings: settings of the tracker.
@@ -73,7 +73,7 @@ class Matcher:
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
 
     Attributes:
-        matching: settings of the score where a scan is matched to the running map: the final widths are wider.
+        matching: `estimator` with wider final widths, for matches to the running map.
         young: settings of the tracker for the first scans of a track, which allow larger changes of the yaw rate.
         kernel: parameters of the score besides its widths.
     """
@@ -100,12 +100,12 @@ class Matcher:
 
     @property
     def speeds(self) -> tuple[float, float]:
-        """Slowest and fastest forward speed that a cold start tries [m/s]."""
+        """Slowest and fastest forward speed [m/s] that the search for the first motion tries; negative is backwards."""
         slowest, fastest = SPEED_MIN, self.settings.speed_max
         return (-fastest, -slowest) if self.is_reversed else (slowest, fastest)
 
     def place(self, scan: Scan, state: State) -> PointSet:
-        """Renders the returns of a scan as points under a state."""
+        """Renders the returns of a scan as points under a state, in the map's frame."""
         return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.beam)
 
     def evaluate(self, scan: Scan, state: State, into: LocalMap) -> PsiEvaluation:
@@ -113,21 +113,21 @@ class Matcher:
         return self._score(self.place(scan, state), final_scale(self.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
-        """Returns the directions (K, 3) of the start pose that psi does not observe at a match.
+        """Returns the directions (K, 3) of the start pose (x, y [m], yaw [rad]) that psi does not observe at a match.
 
-        At the widest scale, clutter of dense traffic can make a direction seem unobserved that the scan does show at the
-        final scale. Shifts of the scan along a direction that seems weak are therefore scored: where psi is clearly lower
-        at the match than at all of these shifts, the direction counts as observed.
+        At the widest scale, dense traffic can make a direction seem unobserved, although the scan shows it at the final
+        scale. Shifts of the scan along such a direction are therefore scored at the final scale. If psi is clearly lower at
+        the match than at all shifts, the direction counts as observed.
 
-        All views count the same here. If neighbours that were seen from the same direction counted more, even a bare wall
-        would seem to hold the scan at the place from which the map was seen.
+        Viewing directions play no part here. Otherwise, even a bare wall would seem to hold the scan at the place from which
+        the map was seen, because neighbours that were seen from the same direction count more.
         """
         wide = self._score(self._place_blindly(scan, state), annealed_scale(self.matching, 0), into)
         weak = find_weak_directions(wide, 3)
         return weak[[not self._stands_out(scan, state, direction, into) for direction in weak]]
 
     def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap, first_step: int = 0) -> Minimum:
-        """Finds the state near a start that minimises psi plus the prior; see `mqslam.psi.minimiser.minimise`."""
+        """Minimises psi plus the prior from a start (see `mqslam.psi.minimiser`); the annealing begins at `first_step`."""
         search = Search(_MATCHING_STEPS, first_step, _SETTLED, foresees=True, correlation=self.tuning.correlation)
         return minimise(
             start.vector,
@@ -154,12 +154,13 @@ class Matcher:
             scan: the scan.
             predicted: predicted state of the scan; its covariance bounds the search.
             into: the map.
-            known: a match that was found before, which competes with the new ones.
-            is_doubtful: returns whether a match is doubtful, so that other yaws are tried at the same places; if None, only
-                the best yaw is tried at each place. Only for a sensor that sees a part of its surroundings at a time.
+            known: a match that was found before and competes with the new matches.
+            is_doubtful: returns whether a match is doubtful. If the best match is, other yaws are tried at the same places.
+                None tries only the best yaw at each place. Used only if `tuning.sees_part` is set.
 
         Returns:
-            The best match, and whether another place in the map fits the scan about as well.
+            The best match, and whether another place in the map fits the scan about as well; always False for the latter if
+            `tuning.sees_part` is set.
         """
         ranked, size_m = self._rank_poses(scan, predicted, into)
         tried = pick_apart(ranked, self.matching)
@@ -181,17 +182,20 @@ class Matcher:
         return best, any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
-        """Returns a better match of a scan ahead of a match, behind it, or rotated to either side; None if none is found.
+        """Looks for a better match of a scan ahead of a match, behind the match, and rotated to either side.
 
         Vehicles that keep pace with the sensor make a minimum of their own. Where all vehicles set off together, a match
-        that begins at the prediction may end there, although psi is much lower a few decimetres ahead. Where the sensor
-        rotates more suddenly than predicted, distant returns are matched to wrong neighbours.
+        that begins at the prediction may end at this minimum, although psi is much lower a few decimetres ahead. Where the
+        sensor rotates more suddenly than predicted, distant returns are matched to wrong neighbours.
 
         Args:
             scan: the scan.
             minimum: a match of the scan.
-            information: (8, 8) information of the prediction.
+            information: (8, 8) inverse of the covariance of the predicted state.
             into: the map.
+
+        Returns:
+            The best of these matches, or None if its psi is not lower by more than chance.
         """
         config, turn_s, here = self.matching, self.revolution_s, State(minimum.state)
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
@@ -207,7 +211,9 @@ class Matcher:
     def measure_covariance(
         self, evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap
     ) -> NDArray[np.float64]:
-        """Returns the covariance (3, 3) of a match's pose; along unobserved directions it is the prediction's covariance.
+        """Returns the covariance (3, 3) of a match's pose in x, y, yaw [m, m, rad].
+
+        The result fuses psi's covariance with the prediction's, which alone counts along directions psi does not observe.
 
         Args:
             evaluation: psi at the match.
@@ -231,9 +237,9 @@ class Matcher:
 
         Args:
             minimum: the match.
-            prior_information: (8, 8) information of the prediction.
-            weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts;
-                None if psi observes all directions.
+            prior_information: (8, 8) inverse of the covariance of the predicted state.
+            weak: (K, 3) directions of the start pose (x, y [m], yaw [rad]) that psi does not observe, along which only the
+                prediction counts; None if psi observes all directions.
         """
         evaluation = minimum.evaluation
         information = (evaluation.curvature + STABILISER * evaluation.information) / self.tuning.correlation
@@ -245,7 +251,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
-        """Returns whether psi rises by more than chance, given the rise (N,) of each point's share of psi."""
+        """Returns whether psi rises by more than chance, given the rise (N,) of the share of each point (N, 2) [m]."""
         by_object = sum_by_object(rise[:, None], points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
@@ -253,7 +259,7 @@ class Matcher:
         """Returns the first of several matches, or a later one whose psi is lower by more than chance.
 
         Two matches are compared by the points that have references in reach at both matches. A sensor that rotates sees new
-        objects, which the map does not hold, and which are no evidence against a match.
+        objects. The map does not hold these objects, so their points are no evidence against a match.
         """
         best = minima[0]
         near = self._mark_near(scan, best, into)
@@ -266,14 +272,14 @@ class Matcher:
         return best
 
     def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
-        """Returns for each point (N,) of a scan at a match whether a reference is within the reach of the widest scale."""
+        """Returns a mask (N,) of a scan's points at a match that have a reference within the widest scale's reach."""
         points = self.place(scan, State(minimum.state)).points
         return np.asarray(mark_near(into.references.grid, points, self.matching.s_start))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
-        """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
+        """Returns whether psi is lower, by more than chance, at a match than at every shift of the scan along a direction.
 
-        The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread among objects.
+        The direction (3,) is one of the start pose (x, y [m], yaw [rad]). Shifts reach as far as the widest scale.
         """
         config = self.matching
         points = self._place_blindly(scan, state)
@@ -290,7 +296,7 @@ class Matcher:
         return True
 
     def _place_blindly(self, scan: Scan, state: State) -> PointSet:
-        """Renders a scan without the viewing directions of its points."""
+        """Renders a scan like `place`, but without viewing directions, which then play no part in the score."""
         placed = self.place(scan, state)
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
@@ -298,9 +304,9 @@ class Matcher:
         return evaluate(placed, into.references, scale, self.kernel)
 
     def _rank_poses(self, scan: Scan, predicted: Belief, into: LocalMap) -> tuple[list[se2.Array], float]:
-        """Returns the poses (3,) at which scan and map correlate, the best first, and the returns' mean range (RMS) [m].
+        """Returns poses (3,) [m, m, rad] at which scan and map correlate, the best first, and the RMS range of returns [m].
 
-        The poses lie around the prediction, within the region that its covariance allows.
+        The poses lie around the predicted pose, within the region that the prediction's covariance allows.
         """
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
@@ -310,7 +316,7 @@ class Matcher:
         return ranked, float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
     def _refine(self, scan: Scan, poses: Sequence[se2.Array], predicted: Belief, into: LocalMap) -> list[Minimum]:
-        """Returns the minima of psi that begin at poses (3,) with the predicted motion."""
+        """Returns one match per pose (3,) [m, m, rad]: minimisations of psi that begin there with the predicted motion."""
         information = predicted.information
         starts = [State.of(pose, predicted.mean.motion) for pose in poses]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

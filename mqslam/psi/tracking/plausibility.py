@@ -1,4 +1,8 @@
-"""Judges scans and matches: which scans can be matched, which matches are plausible, and how much predictions err."""
+"""Judges which scans can be matched, which matches are plausible, and how much predictions err.
+
+The matched share is the part of a scan's returns that have a selected neighbour in the map. The usual value of a quantity is
+a running mean over past matches.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,15 @@ from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.tracking.local_map import Tuning
 
-# Fewest returns of a scan that is matched, and fewest matched returns of a match: they have four coordinates for each of the
-# eight numbers of the state, which could fit fewer returns by chance. The covariance states how well they show the motion.
+# Fewest returns of a scan that is matched, and fewest matched returns of a match: 16 returns have four coordinates for each
+# of the eight numbers of the state. The state could fit fewer returns by chance.
 FEWEST_RETURNS = 16
 # Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern of ranges and no
 # motion across that direction.
 _LEAST_SECTOR = 0.2
 # The track may be lost where a scan's matched share is below this part of the usual matched share.
 _LOST_SHARE = 0.5
-# Least share of matched returns of a match. Below it scan and map do not overlap.
+# Least matched share of a match. With a smaller share, scan and map do not overlap.
 _LEAST_SHARE = 0.15
 # Weight of the old value when a scan updates the usual matched share and the usual psi.
 _USUAL_MEMORY = 0.95
@@ -34,11 +38,11 @@ _PREDICTION_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """How well scans usually match: running means over the matches so far, in which old matches fade slowly.
+    """Running means over the matches so far, in which old matches count less and less.
 
     Args:
-        share: matched share, the part of a scan's returns that have a neighbour in the map.
-        psi: psi per return; infinite before the first match.
+        share: mean matched share.
+        psi: mean psi per return; infinite before the first match.
     """
 
     share: float = 0.0
@@ -57,19 +61,19 @@ class Usual:
         return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
-        """Returns whether psi per return of a match is over `doubtful_psi` times the usual: a better match may exist."""
+        """Returns whether psi per return of a match exceeds `doubtful_psi` times its usual value."""
         return _measure_psi(minimum) > doubtful_psi * self.psi
 
 
 class PredictionErrors:
-    """The errors of the last scans' predictions, which decide at which width the match of the next scan begins.
+    """The errors of the last scans' predictions, which decide at which step of the annealing the next match begins.
 
-    Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may
-    end at that motion; a narrow search from a good prediction does not.
+    Among vehicles that keep pace with the sensor, the motion of these vehicles explains many returns. A search that begins
+    with wide widths may end at their motion; a search with narrow widths from a good prediction does not.
 
     Args:
-        tuning: states how much wider than the errors of predictions the search for a match begins.
-        matching: settings of the score where a scan is matched to the running map.
+        tuning: states the widths at which a match begins, in units of the errors of predictions.
+        matching: settings of the score for matches to the running map.
     """
 
     def __init__(self, tuning: Tuning, matching: EstimatorConfig) -> None:
@@ -78,18 +82,18 @@ class PredictionErrors:
         self._errors: list[float] = []
 
     def add(self, predicted: PointSet, matched: PointSet) -> None:
-        """Adds a prediction's error: the root mean square distance between a scan's points as predicted and as matched."""
+        """Adds a prediction's error: the RMS distance [m] between a scan's points as predicted and as matched."""
         moved = matched.points - predicted.points
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         self._errors = [*self._errors, error][-_PREDICTION_SCANS:]
 
     @property
     def is_young(self) -> bool:
-        """Whether too few errors are known, because the track has just begun or has just gone on after a loss."""
+        """Whether too few errors are known, because the track has just begun or goes on after lost scans."""
         return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
 
     def forget(self) -> None:
-        """Forgets all errors, where a track begins or goes on after a loss."""
+        """Forgets all errors, because a track begins or goes on after lost scans."""
         self._errors = []
 
     def choose_step(self) -> int:
@@ -114,11 +118,11 @@ def is_usable(scan: Scan) -> bool:
 
 
 def overlaps(minimum: Minimum) -> bool:
-    """Returns whether enough returns of a scan are matched to say that the scan overlaps the map at all."""
+    """Returns whether enough returns of a match have a selected neighbour for scan and map to overlap at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
     return matched >= FEWEST_RETURNS and minimum.evaluation.overlap >= _LEAST_SHARE
 
 
 def _measure_psi(minimum: Minimum) -> float:
-    """Returns psi per return of a scan."""
+    """Returns psi per return of the matched scan."""
     return minimum.evaluation.psi / max(len(minimum.evaluation.matched), 1)

@@ -1,6 +1,9 @@
-"""The tracker's state: eight numbers for the start pose of a scan and the motion of the sensor during it.
+"""Holds the tracker's state, and predicts the state and its covariance from one scan to the next.
 
-This module also predicts the state and its covariance from one scan to the next.
+The state has eight numbers: x, y [m], yaw [rad] of the sensor at the start of a scan, in the frame of the tracker and its
+map (start pose); vx, vy [m/s], omega [rad/s] at the same time, in the sensor's frame (twist); forward acceleration ax
+[m/s^2] and yaw acceleration alpha [rad/s^2]. Twist and accelerations together are the motion. Arrays of these quantities and
+their covariances have this order and these units.
 """
 
 from __future__ import annotations
@@ -32,13 +35,14 @@ _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the f
 SPEED_MIN = -5.0
 # Fastest yaw rate that the cold start tries, to either side [rad/s].
 OMEGA_MAX = 1.0
-# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it: the error could be kilometres.
+# A longer gap [s] is a pause or a jump of the clock. The motion before such a gap is not extrapolated: the error could be
+# kilometres.
 LONGEST_COAST_S = 60.0
 # Longest time between two scans over which an acceleration is assumed to last: in seconds, and, for slow radars, in
 # revolutions.
 _STEADY_S, _STEADY_TURNS = 0.75, 1.5
 
-_NOISE_PERIOD_S = 0.25  # process noise and persistence are stated per this time: a definition
+_NOISE_PERIOD_S = 0.25  # noise period: process noise and persistence are stated per this time, by definition
 # Change of forward speed that acceleration does not explain [m/s], and change of sideways speed [m/s].
 _SIGMA_VX, SIGMA_VY = 0.6, 0.15
 # Change of forward acceleration [m/s^2].
@@ -51,7 +55,8 @@ _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
 # Share of an acceleration that is left after one noise period.
 _PERSISTENCE = 0.9
 
-# Error of odometry between two scans that does not depend on the motion [m], [rad], and its error as a share of the motion.
+# Standard deviations of odometry between two scans: parts that do not depend on the motion [m], [rad], and as a share of the
+# motion.
 _GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
 
 CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
@@ -65,7 +70,7 @@ UNSHOWN: Final = np.sqrt(np.diag(CONTRADICTED))
 Separate factors of odometry state how well the motion along these directions is known; they are much more certain."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
-_HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance
+_HALF = 0.5**0.5  # root of one half: each of the two poses at the ends of a motion gets half the motion's variance
 _WALKS = np.logspace(-3.0, 3.0, 13)  # a walk's step variance over the noise variance: from mostly noise to hardly any noise
 
 
@@ -74,14 +79,14 @@ class State:
     """The state of a scan: its start pose, and the twist and accelerations of the sensor.
 
     Args:
-        vector: (8,) all parts in this order: pose, twist, acceleration.
+        vector: (8,) x, y [m], yaw [rad], vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2].
     """
 
     vector: NDArray[np.float64]
 
     @classmethod
     def of(cls, pose: se2.Array, motion: se2.Array) -> State:
-        """Makes a state of a start pose (3,) and a motion (5,): twist and accelerations."""
+        """Makes a state of a start pose (3,) and a motion (5,), which is twist and accelerations."""
         return cls(np.r_[pose, motion])
 
     @classmethod
@@ -101,12 +106,12 @@ class State:
 
     @property
     def twist(self) -> se2.Array:
-        """(3,) vx [m/s], vy [m/s], omega [rad/s] at the scan's start, in the body frame."""
+        """(3,) vx [m/s], vy [m/s], omega [rad/s] at the scan's start, in the sensor's frame."""
         return self.vector[TWIST]
 
     @property
     def motion(self) -> se2.Array:
-        """(5,) twist and accelerations (ax [m/s^2], alpha [rad/s^2]) while the scan lasts: the motion model's parameters."""
+        """(5,) twist, ax [m/s^2] and alpha [rad/s^2] at the scan's start: the parameters of the motion model."""
         return self.vector[MOTION]
 
     def moved_ahead(self, distance: float, duration_s: float) -> State:
@@ -125,7 +130,7 @@ class Belief:
 
     Args:
         mean: the most likely state.
-        covariance: (8, 8) covariance of the state's vector.
+        covariance: (8, 8) covariance of the state's vector, in the order of the vector.
     """
 
     mean: State
@@ -143,11 +148,11 @@ class Belief:
 
     @property
     def prior(self) -> Prior:
-        """The belief as the prior of a minimisation."""
+        """The belief as a prior for the minimiser."""
         return Prior(self.mean.vector, self.information)
 
     def in_its_own_frame(self) -> Belief:
-        """Returns the belief in a frame that its pose defines: the pose is then known, and independent of the motion."""
+        """Returns the belief with a pose that is known by definition, since it defines the frame of a new map."""
         covariance = self.covariance.copy()
         covariance[POSE, :] = covariance[:, POSE] = 0.0
         covariance[POSE, POSE] = _FRAME
@@ -162,14 +167,15 @@ ORIGIN = Belief(State(np.zeros(SIZE)), np.eye(SIZE))
 class Blindness:
     """The uncertainty of the motion along a direction that psi does not observe, for translation and for rotation.
 
-    Along such a direction the predicted motion is kept. Its error grows with the process noise, up to the whole range
-    that the settings allow. The error is common to all successive scans without that direction, so that the errors of
-    their poses add up linearly, not in square.
+    Along such a direction the predicted motion is kept. The error of this motion grows with the process noise, up to the
+    whole range that the settings allow. While psi does not observe the direction, this one error moves all scans. So the
+    standard deviations of their steps add up, not the variances.
 
     Args:
         speeds: (2,) standard deviations of the speed [m/s] and of the yaw rate [rad/s].
-        travelled: (2,) standard deviations of the distance and of the rotation over these scans so far [m, rad].
-        step: (2,) standard deviations of the last scan's part of `travelled`, whose squares add up over the scans [m, rad].
+        travelled: (2,) standard deviations of distance [m] and rotation [rad] since psi last observed every direction.
+        step: (2,) standard deviations [m, rad] to state for the last step, so that the squares of all steps add up to the
+            square of `travelled`.
     """
 
     speeds: NDArray[np.float64]
@@ -178,24 +184,25 @@ class Blindness:
 
     @classmethod
     def none(cls) -> Blindness:
-        """Makes the uncertainty of a motion that psi has just observed: zero."""
+        """Makes the uncertainty after a scan whose motion psi observed: zero."""
         return cls(np.zeros(2), np.zeros(2), np.zeros(2))
 
     @classmethod
     def full(cls, settings: TrackerConfig) -> Blindness:
-        """Makes the uncertainty of a motion that was never observed: the whole range of speeds."""
+        """Makes the uncertainty of a motion that psi never observed: the whole range of speeds."""
         return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
 
     def forget(self, known: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
-        """Returns the uncertainty after other sensors gave the speed or the yaw rate; `known` (2,) says which of the two.
+        """Returns the uncertainty after other sensors gave the speed or the yaw rate, as the mask `known` (2,) says.
 
-        The uncertainty of what they gave begins anew, with the whole range of speeds, because psi did not measure it.
+        For a quantity that they gave, the distance or rotation counts from zero again. Its speed has the uncertainty of the
+        whole range of speeds, because psi did not measure it.
         """
         speeds = np.where(known, _bound_speeds(settings), self.speeds)
         return Blindness(speeds, np.where(known, 0.0, self.travelled), np.where(known, 0.0, self.step))
 
     def after(self, dt: float, settings: TrackerConfig) -> Blindness:
-        """Returns the uncertainty a time dt [s] later."""
+        """Returns the uncertainty a time dt [s] later, if psi has not observed the direction since."""
         walk = np.square([_SIGMA_VX, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
         speeds = np.minimum(np.sqrt(self.speeds**2 + walk), _bound_speeds(settings))
         travelled = self.travelled + speeds * dt
@@ -203,7 +210,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of a scan's start pose [m, m, rad]: each of a step's two poses has half its variance."""
+        """(3,) standard deviations [m, m, rad] of a scan's start pose: half the last step's variance goes to each end."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
@@ -212,11 +219,11 @@ class LastMatch:
     """The last scan that was matched, from which the next scans are predicted.
 
     Args:
-        t0: start of the scan [s].
+        t0: start of the scan [s since the recording's start].
         turn_s: duration of the scan [s]; the radar may revolve at another rate later.
         belief: belief about the scan's state.
         blind: uncertainty of the motion along directions that psi does not observe.
-        twists: twists (3,) of the last scans whose motion psi observed.
+        twists: twists (3,) of the last scans in which psi observed every direction, in the order of time.
     """
 
     t0: float
@@ -227,15 +234,15 @@ class LastMatch:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) start pose of the scan."""
+        """(3,) start pose of the scan [m, m, rad], in the tracker's frame."""
         return self.belief.pose
 
     def is_before(self, scan: Scan) -> bool:
-        """Returns whether a scan follows this one so soon that the acceleration is assumed to last until then."""
+        """Returns whether a scan follows so soon that the acceleration is assumed to last until its start."""
         return scan.t0 - self.t0 <= limit_step(self.turn_s)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
-        """Predicts the state of a later scan."""
+        """Predicts a later state at constant acceleration, after a gap at constant twist, and after a pause at rest."""
         dt, belief = scan.t0 - self.t0, self.belief
         if self.is_before(scan):
             return predict(belief, dt, settings)
@@ -246,8 +253,8 @@ class LastMatch:
     def predict_steadily(self, scan: Scan, settings: TrackerConfig) -> State | None:
         """Predicts the state of a later scan from the smoothed twist of the last scans; returns None if `twists` is empty.
 
-        The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
-        matched again, but too much where scans are not matched along a direction for some time.
+        The twist of a single match errs by a few tenths of a metre per second. This does no harm where the next scan is
+        matched again, but too much harm where psi does not observe a direction for some time.
         """
         if not self.twists:
             return None
@@ -261,8 +268,8 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
 
     Args:
         belief: belief about the state at the start.
-        dt: how much later [s], or earlier where it is negative.
-        settings: process noise.
+        dt: time from the start to the predicted state [s]; negative predicts an earlier state.
+        settings: process noise, and the standard deviation of stamps.
     """
     before = belief.mean
     vx, vy, omega, ax, alpha = before.motion
@@ -278,7 +285,7 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     pose_noise = [_SIGMA_POSITION_M, _SIGMA_POSITION_M, _SIGMA_YAW]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     joint = transition @ belief.covariance @ transition.T + np.diag(noise)
-    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # velocity by which a wrong stamp moves the pose
+    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # by which a wrong stamp moves the pose
     joint[POSE, POSE] += 2.0 * (settings.stamp_sigma_s or 0.0) ** 2 * np.outer(velocity, velocity)
     return Belief(State.of(pose, motion), symmetric(joint))
 
@@ -288,8 +295,8 @@ def guide(belief: Belief, twist: se2.Array, dt: float) -> Belief:
 
     Args:
         belief: belief about the state at the start.
-        twist: (3,) mean twist by odometry.
-        dt: how much later [s].
+        twist: (3,) mean twist by odometry, without NaN.
+        dt: time from the start to the predicted state [s]; negative predicts an earlier state.
     """
     step = se2.exp(twist, dt)
     pose = se2.compose(belief.pose, step)
@@ -308,7 +315,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
 
     Args:
         belief: belief about the state at the start.
-        dt: how much later [s], more than a revolution of the radar.
+        dt: time from the start to the predicted state [s], more than a revolution of the radar.
         turn_s: duration of a revolution of the radar [s], the step in which changes of the twist are added.
         settings: process noise.
     """
@@ -320,7 +327,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
 
 
 def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Belief:
-    """Returns the belief with accelerations of zero that have these variances (2,)."""
+    """Returns the belief at its twist with accelerations of zero, whose variances are (2,) [(m/s^2)^2, (rad/s^2)^2]."""
     covariance = belief.covariance.copy()
     covariance[ACCELERATION, :] = covariance[:, ACCELERATION] = 0.0
     covariance[ACCELERATION, ACCELERATION] = np.diag(variances)
@@ -332,8 +339,8 @@ def smooth_last(values: NDArray[np.float64], change: float) -> float:
 
     The value is modelled as a random walk that is measured with noise. The ratio of the walk's variance to the noise's
     variance is not known, so Kalman filters for several ratios are averaged. Each filter is weighted by the likelihood of
-    the measurements under its ratio, and by how plausible the typical step of its walk is, given `change`. If there is
-    nothing but noise, the result is the mean; without noise it is the last measurement.
+    the measurements under its ratio, and by how plausible the typical step of its walk is, given `change`. If the values
+    differ only by noise, the result is nearly their mean; without noise, nearly the last measurement.
 
     Source: the local level model of Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989).
 
@@ -355,7 +362,7 @@ def smooth_last(values: NDArray[np.float64], change: float) -> float:
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Corrects a belief by a measurement of twist and accelerations (5,) with a covariance (5, 5)."""
+    """Corrects a belief by a measurement of the motion (5,), which is twist and accelerations, with a covariance (5, 5)."""
     gain = belief.covariance[:, MOTION] @ invert(belief.covariance[MOTION, MOTION] + covariance, TOLERANCES[MOTION])
     kept = np.eye(SIZE)
     kept[:, MOTION] -= gain
@@ -364,7 +371,7 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces twist and accelerations by a motion (5,) with a covariance (5, 5), independent of the pose."""
+    """Replaces a belief's twist and accelerations by a motion (5,) with a covariance (5, 5), independent of the pose."""
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance
@@ -372,12 +379,12 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def limit_step(turn_s: float) -> float:
-    """Returns the longest time [s] between the starts of two scans without a gap: one scan may be missing, not many."""
+    """Returns the longest time [s] between the starts of successive scans that is no gap, for scans that last `turn_s`."""
     return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
-    """Returns a prior that keeps pose, twist and acceleration at the mean along directions (K, 3) not observed by psi."""
+    """Returns a prior that keeps pose, twist and accelerations at its mean along directions (K, 3) of the start pose."""
     along = _follow_directions(weak, prior.mean[YAW]) / TOLERANCES
     return Prior(prior.mean, prior.information + along.T @ along)
 
@@ -387,7 +394,8 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
     Args:
         information: information of psi alone.
-        weak: directions of the start pose; twist and accelerations along them lose their information, too.
+        weak: directions of the start pose (x, y [m], yaw [rad]); twist and accelerations along them lose their information,
+            too.
         yaw: yaw of the start pose [rad].
     """
     if not len(weak):
@@ -400,7 +408,10 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
 
 def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Returns unit vectors (L, 8), in units of tolerances, for pose, twist and acceleration along directions (K, 3)."""
+    """Returns unit vectors (L, 8) of the state along directions (K, 3) of the start pose, with `TOLERANCES` as units.
+
+    Each direction gives one vector for the pose, one for the twist and one for the accelerations, if they are not zero.
+    """
     to_body = _rotation(-yaw)
     vectors = []
     for direction in weak:
@@ -415,20 +426,17 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (5,) of the changes of twist and accelerations within one noise period.
-
-    They are those of vx, vy [m/s], yaw rate [rad/s], forward acceleration [m/s^2] and yaw acceleration [rad/s^2].
-    """
+    """Returns the standard deviations (5,) of the changes of vx, vy, omega, ax and alpha within a noise period of 0.25 s."""
     return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known about them."""
+    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] if nothing but the settings is known."""
     ranges = np.array([settings.speed_max - SPEED_MIN, 2.0 * OMEGA_MAX])
     return np.asarray(ranges / np.sqrt(12.0))  # all speeds of the range are equally likely
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:
-    """Returns the matrix (3, 3) that converts a twist from a frame that is rotated by yaw [rad] to the unrotated frame."""
+    """Returns the matrix (3, 3) that converts twists from a frame that is rotated by yaw [rad] to the unrotated frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

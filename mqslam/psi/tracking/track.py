@@ -1,7 +1,8 @@
 """Tracks a recording by psi: matches every scan, bridges gaps and losses, and measures the scans of young maps again.
 
-A track begins with scans whose motion is found from these scans alone. After a gap or a loss it begins again in the same
-way, so that the scans after it never depend on a prediction alone.
+A scan is matched if its pose in the map was found, else it is lost. A track begins with a few scans (at most `START_SCANS`)
+whose motion is found from these scans alone. After a gap or after lost scans, the motion is found in the same way again, so
+that later scans never depend on a prediction alone.
 """
 
 from __future__ import annotations
@@ -20,20 +21,21 @@ from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, YOUNG_SCANS, is_usa
 from mqslam.psi.tracking.state import limit_step
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Number of lost scans in a row after which the map is given up and a new one is tried.
+# Number of lost scans in a row after which the tracker tries to begin a new map.
 PATIENCE = 8
-# Fewest scans that are measured again. Fewer scans make no better map than the map they were first matched to.
+# Fewest scans that are measured a second time. Fewer scans make no better map than the map of their first measurement.
 _YOUNG_LEAST = 6
 
 
 class Track:
-    """The track of a recording: its scans are tracked in their order, and held back while they may be measured again.
+    """The track of a recording: tracks the scans in their order, and holds results back while they may still change.
 
     Args:
         scans: all scans of the recording.
         tracker: a new tracker.
-        find_twist: returns the mean twist (3,) between two times [s] by other sensors, NaN for components that they do not
-            measure, and None where they measure nothing. It is used where psi alone does not find or observe the motion.
+        find_twist: returns the mean twist (3,) vx, vy [m/s], omega [rad/s] between two times [s] by other sensors, here
+            called odometry; NaN for components that no sensor measures, and None if there are no sensors. The twist is used
+            where psi alone does not find or observe the motion.
     """
 
     def __init__(
@@ -42,19 +44,19 @@ class Track:
         self._scans = scans
         self._tracker = tracker
         self._find_twist = find_twist
-        self._tracked: dict[int, Tracked] = {}  # scans that are not handed on yet
-        self._young: list[int] = []  # scans of a track that has only begun
+        self._tracked: dict[int, Tracked] = {}  # results that `follow` has not yielded yet, by number of the scan
+        self._young: list[int] = []  # numbers of the scans of a map that has only begun, for a second measurement
         self._matched = 0  # number of the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
-        self._lost: list[int] = []  # scans since the last matched one
+        self._lost: list[int] = []  # numbers of the lost scans since then
         self._patience = PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
-        """Yields the tracked scans in their order, each as soon as its result cannot change any more.
+        """Yields the result of every scan in their order, each as soon as it cannot change any more.
 
         Raises:
             EstimationError: there are fewer than two scans.
-            FewReturnsError: no two scans in a row hold enough returns.
+            FewReturnsError: no two scans in a row, without a gap, hold enough returns.
         """
         first = _find_start(self._scans)
         self._start(first)
@@ -71,7 +73,7 @@ class Track:
             yield self._tracked.pop(n)
 
     def _start(self, first: int) -> None:
-        """Begins the track with the first scans that hold enough returns, and predicts the poses of all earlier scans."""
+        """Begins the track at scan number `first`, and predicts the poses of all earlier scans, which show no motion."""
         head = _take_head(self._scans, first)
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
@@ -80,7 +82,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(scan, _whole(self._find_twist(scan.t0, head[0].t0)))
 
     def _step(self, k: int) -> int:
-        """Tracks scan k, or begins again after a gap or a loss, and returns the number of the next scan to track."""
+        """Tracks scan k, and returns the number of the next scan to track: an earlier number if a new map was begun."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -98,7 +100,7 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Begins a new map if the last lost scans alone show a motion; returns the number of the next scan to track."""
+        """Tries to go on from the last lost scans, up to scan k; returns the number of the next scan to track."""
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
@@ -107,7 +109,7 @@ class Track:
         return k + 1
 
     def _resume(self, k: int) -> bool:
-        """Tracks scan k after a gap or a loss, from the motions before and after it; returns whether the track goes on."""
+        """Tracks scan k after a gap or lost scans, by the motions before and after; returns whether the track goes on."""
         scan = self._scans[k]
         twist = self._twist_to(scan)
         psi_odometry = self._score_odometry(scan, twist)
@@ -130,14 +132,17 @@ class Track:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measures a second time the scans of a track that has only begun, if there are enough of these scans."""
+        """Measures the scans of a map that has only begun a second time, if there are enough of these scans."""
         young, self._young = self._young, []
         if len(young) >= _YOUNG_LEAST:
             again = self._tracker.remeasure([self._scans[n] for n in young], [self._tracked[n] for n in young])
             self._tracked.update(zip(young, again, strict=True))
 
     def _score_odometry(self, scan: Scan, twist: se2.Array | None) -> float:
-        """Returns psi of a scan where odometry puts it by its mean twist (3,) since the last match; NaN without odometry."""
+        """Returns psi of a scan at the pose and the motion that odometry gives; NaN if odometry lacks any component.
+
+        `twist` (3,) is odometry's mean twist [m/s, m/s, rad/s] from the last matched scan to this scan.
+        """
         twist = _whole(twist)
         now = None if twist is None else _whole(self._find_twist(scan.t0, scan.t1))
         if twist is None or now is None:
@@ -146,17 +151,17 @@ class Track:
         return self._tracker.score(scan, pose, now)
 
     def _twist_to(self, scan: Scan) -> se2.Array | None:
-        """Returns the mean twist (3,) from the last matched scan to a scan, as `find_twist` gives it."""
+        """Returns the result of `find_twist` from the last matched scan to a scan."""
         return self._find_twist(self._scans[self._matched].t0, scan.t0)
 
 
 def _whole(twist: se2.Array | None) -> se2.Array | None:
-    """Returns a twist (3,) if all its components are known, else None."""
+    """Returns a twist (3,) if no component is NaN, else None."""
     return None if twist is None or np.isnan(twist).any() else twist
 
 
 def _find_start(scans: Sequence[Scan]) -> int:
-    """Returns the number of the first scan that, like the scan after it, holds enough returns.
+    """Returns the number of the first of two successive scans that hold enough returns and have no gap between them.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -177,7 +182,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
 
 
 def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
-    """Returns scans from number `first` on: up to `START_SCANS` with enough returns and no gap, and at least the first."""
+    """Returns up to `START_SCANS` successive scans from number `first` with enough returns and no gap, or the first scan."""
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
         gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)

@@ -1,12 +1,12 @@
-"""Odometry by psi over a running map: each scan is matched to the last keyframes.
+"""Matches one scan after the other to a running map of the last keyframes.
 
-The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus a prior, the prediction from the
-scan before. The start pose must be free: if it were fixed at the end of the last scan, the errors of successive scans
-would alternate in sign.
+The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus a prior, which is the prediction from
+the scan before. The start pose must be free: if it were fixed at the end of the last scan, the errors of successive scans
+would alternate in sign. A scan without a plausible match is lost.
 
-After a gap or a loss a scan is predicted from both sides. The scans before the gap show the motion at its start, and the
-scans after the gap the motion at its end; between the two, the sensor moved as the process noise allows. Only a match
-that is sure, and has no rival in the whole region that is then possible, ties the two sides together.
+After a gap or lost scans, the scans before the gap show the motion at its start, and the scans after the gap show the motion
+at its end. Between the two, the sensor moved as the process noise allows. The scan after the gap is matched to the old map
+only if the match is sure and has no rival in the whole region that the sensor may have reached.
 """
 
 from __future__ import annotations
@@ -51,11 +51,10 @@ from mqslam.psi.tracking.state import (
     replace_motion,
 )
 
-# Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where
-# the motion is steady, the last motion where it changes.
+# Number of matched scans whose smoothed twist is kept along directions that psi does not observe.
 _HELD_SCANS = 32
-# Standard deviation of a distance travelled across a gap, as a share of that distance. Published lengths of one radar's
-# range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.
+# Standard deviation of the distance across a gap, as a share of the distance. Published lengths of one radar's range bins
+# differ by 1.4 %, and a Doppler shift that is ignored causes as large an error.
 _SIGMA_SCALE = 0.01
 
 _ALL_OBSERVED = np.zeros((0, 3))  # no weak direction
@@ -66,19 +65,19 @@ _NOTHING = PsiEvaluation(
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """The result of tracking one scan.
+    """The result of tracking one scan. All poses and covariances are in x, y [m], yaw [rad], in the tracker's frame.
 
     Args:
-        t0: start of the scan [s].
-        state: its start pose and motion.
+        t0: start of the scan [s since the recording's start].
+        state: start pose and motion of the scan.
         covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
             match.
         unseen: (3, 3) covariance to add to `covariance` for directions that psi does not observe or where there is no match.
-        evaluation: psi at the minimum.
+        evaluation: psi of the scan in `state`; empty if a new map begins with the scan.
         status: how far the state can be trusted.
         begins_map: whether a new map begins with this scan.
-        arrival: (3, 3) covariance that a gap or a loss before the scan adds to its start pose; else None.
-        earlier: (3,) start pose of the first measurement, where the scan was measured a second time; else None.
+        arrival: (3, 3) covariance that a gap or lost scans before the scan add to its start pose; None if there are none.
+        earlier: (3,) start pose by the first measurement if the scan was measured a second time, else None.
         psi_odometry: psi at the pose that odometry predicts; NaN without odometry.
     """
 
@@ -95,25 +94,26 @@ class Tracked:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) pose of the sensor at the start of the scan, in the map's frame."""
+        """(3,) x, y [m], yaw [rad] of the sensor at the start of the scan, in the tracker's frame."""
         return self.state.pose
 
     @property
     def is_found(self) -> bool:
-        """Whether the track goes on from this scan, because it was matched or a new map begins with it."""
+        """Whether the track goes on from this scan, because it was matched or because a new map begins with it."""
         return self.status is not Status.LOST or self.begins_map
 
 
 class Tracker:
-    """A tracker that matches one scan after the other to a map of the last keyframes.
+    """Matches one scan after the other to a map of the last keyframes.
+
+    The tracker's frame is the sensor's frame at the start of the first scan that `start` takes.
 
     Args:
         settings: settings of the tracker.
         estimator: settings of the score.
         beam: the sensor's errors.
         revolution_s: duration of a revolution of the radar [s].
-        keyframes: starts [s] of the scans that join the map; None takes scans that are far from the keyframe that is
-            nearest in time.
+        keyframes: starts [s] of the scans that join the map; None takes scans that are far from the others.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
         is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far.
@@ -145,12 +145,13 @@ class Tracker:
         return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
-        """Finds the motion of the first scans by psi and begins the map with the first of these scans.
+        """Finds the motion of the first scans, begins the map with the first of these scans, and returns its result.
 
         Args:
             scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
-            begin: (3,) twist near the truth, or None for an exhaustive search.
-            odometry: (3,) twist from odometry: a second start for the minimiser where psi does not observe every direction.
+            begin: (3,) vx, vy [m/s], omega [rad/s] near the truth; None searches exhaustively.
+            odometry: (3,) the same by odometry: the motion itself if the tracker is guided, else a second start for the
+                minimiser where psi does not observe every direction. None without odometry.
 
         Raises:
             FewReturnsError: a scan holds too few returns.
@@ -165,18 +166,18 @@ class Tracker:
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
     def look_back(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
-        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns.
+        """Predicts the pose of a scan that lies before the start of the track; the scan counts as lost.
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist from the scan to the start of the track by odometry, or None.
+            twist: (3,) mean twist [m/s, m/s, rad/s] by odometry from the scan to the start of the track, or None.
         """
         if self._is_guided and twist is not None:
             return self._pass_over(scan, guide(self._last.belief, twist, scan.t0 - self._last.t0))
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
-        """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
+        """Returns whether a prediction so long after the last match may miss the scan's pose; False if odometry guides."""
         if self._is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
@@ -187,8 +188,9 @@ class Tracker:
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist since the last matched scan according to other sensors, NaN where they do not measure it.
-                It is used where psi alone does not find or does not observe the motion.
+            twist: (3,) mean twist [m/s, m/s, rad/s] by odometry since the last matched scan, NaN for components that are not
+                measured, or None. It is used where psi alone does not find or observe the motion, and for the prediction if
+                the tracker is guided.
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
@@ -222,13 +224,13 @@ class Tracker:
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
-        """Matches the first scan after a gap or a loss; its motion is found from this scan and the scans after it.
+        """Matches the first scan after a gap or after lost scans, with the motion that this scan and the next ones show.
 
-        Without a sure match the track goes on from the prediction, with a new map.
+        Without a sure match a new map begins at the predicted pose. If the scans show no motion either, the scan is lost.
 
         Args:
-            scans: one or more scans after the gap or loss, without a gap between them.
-            twist: (3,) mean twist across the gap according to odometry, or None.
+            scans: one or more scans after the gap or the lost scans, without a gap between them.
+            twist: (3,) mean twist [m/s, m/s, rad/s] across the gap by odometry, without NaN, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
         if self._is_guided and twist is not None:
@@ -257,16 +259,19 @@ class Tracker:
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
 
     def remeasure(self, scans: Sequence[Scan], tracked: Sequence[Tracked]) -> list[Tracked]:
-        """Measures the first scans of a track again, and makes the map anew from the scans at their new poses.
+        """Measures the first scans of a map again, and makes the map anew from the scans at their new poses.
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
         scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. If a
         scan does not match there, the motions between this scan, all earlier scans and the next scan stay as they were first
-        measured.
+        measured. A tracker that is guided by odometry changes nothing.
 
         Args:
-            scans: scans of the track so far.
-            tracked: what `start`, `follow` or `resume` returned for them.
+            scans: scans of the map so far.
+            tracked: the results of `start`, `follow` or `resume` for these scans.
+
+        Returns:
+            The new results of these scans.
         """
         matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
         if self._is_guided:  # odometry predicted these scans as well as all others
@@ -302,11 +307,11 @@ class Tracker:
         return results
 
     def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
-        """Returns psi of a scan against the map under a given start pose (3,) and constant twist (3,)."""
+        """Returns psi of a scan against the map at a pose (3,) [m, m, rad] and a constant twist (3,) [m/s, m/s, rad/s]."""
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
-        """Returns the state of a scan whose mean twist since the last match is `twist`, with `state` in place of any NaN."""
+        """Returns a scan's state by its mean twist (3,) since the last match; `state` replaces NaN or a missing twist."""
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
@@ -314,20 +319,20 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _look_around(self, scan: Scan, minimum: Minimum) -> Minimum:
-        """Returns a match that is found near the last match, since odometry may have jumped; `minimum` if there is none."""
+        """Looks for a match near the last match's pose, since odometry may have jumped; returns `minimum` without one."""
         still = guide(self._last.belief, np.zeros(3), scan.t0 - self._last.t0)
         here = self._matcher.minimise(scan, still.mean, still.prior, self._map)
         found, _ = self._matcher.search(scan, still, self._map, here)
         return minimum if self._is_out_of_place(found) else found
 
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
-        """Returns the motion of the first scans by odometry (3,); None if the track does not follow odometry."""
+        """Returns the motion of the first scans by odometry's twist (3,); None if the tracker does not follow odometry."""
         if not self._is_guided or twist is None:
             return None
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
 
     def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
-        """Finds the motion of the scans after a gap from these scans alone; returns None where they do not show it."""
+        """Finds the motion of the scans after a gap from these scans alone; returns None if they show no motion."""
         if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
             return None
         for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
@@ -337,7 +342,7 @@ class Tracker:
         return None
 
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
-        """Begins a new map with a scan, whose pose defines the frame of the map."""
+        """Begins a new map with a scan; the pose of `belief` counts as exact, since it defines the frame of the map."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._prediction_errors.forget()
@@ -350,7 +355,10 @@ class Tracker:
     def _accept(
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
     ) -> Tracked:
-        """Makes a match the new state, and offers its scan to the map as a keyframe."""
+        """Makes a match the tracker's last match, and offers its scan to the map as a keyframe.
+
+        `weak` (K, 3) are the directions of the start pose that psi does not observe, and `blind` their uncertainty.
+        """
         belief = self._matcher.update_belief(minimum, predicted.information, weak)
         placed = self._matcher.place(scan, belief.mean)
         covariance = self._matcher.measure_covariance(minimum.evaluation, placed, predicted, self._map)
@@ -365,13 +373,13 @@ class Tracker:
         return Tracked(scan.t0, belief.mean, covariance, unseen, minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
-        """Follows the prediction for a scan of too few returns."""
+        """Returns the prediction as the result of a scan that holds too few returns; the scan counts as lost."""
         unmatched = self._matcher.evaluate(scan, predicted.mean, self._map)
         passed = self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
         return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
-        """Follows the prediction, at constant twist, for a scan that does not match the map."""
+        """Returns the prediction, at constant twist, as the result of a lost scan: a scan that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
         return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
@@ -381,7 +389,7 @@ class Tracker:
         return self._usual.is_doubtful(minimum, self._tuning.doubtful_psi)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
-        """Returns whether a match is so much poorer than usual that it is probably wrong."""
+        """Returns whether a match is probably wrong: scan and map hardly overlap, or overlap much less than usual."""
         return not overlaps(minimum) or self._usual.is_poor(minimum.evaluation.overlap)
 
     def _observes_all(self, scan: Scan, minimum: Minimum, into: LocalMap) -> bool:
