@@ -173,7 +173,7 @@ def _join(stretches: list[Velocities]) -> Velocities | None:
     velocities = Velocities.join(stretches) if stretches else None
     if velocities is None or not velocities.alternating:
         return None
-    unmeasured = "".join(f", {count} not: {reason}" for reason, count in velocities.reasons.items())
+    unmeasured = "".join(f"; {count} did not: {reason}" for reason, count in velocities.reasons.items())
     _log.info("%d of %d scans measured the velocity%s", np.count_nonzero(velocities.measured), len(velocities), unmeasured)
     return velocities
 

@@ -88,7 +88,7 @@ class RangeErrors(NamedTuple):
         shown = f"psi shows {offset}, and a Doppler shift of {self.beta:.3f} ± {sigma_beta:.3f} s"
         share = abs(self.lengthening * (self.offset if self.contradicts else sigma))  # of all lengths
         if not self.contradicts:
-            return [shown, f"the uncertainty of the range offset, {sigma:.2g} m, changes lengths by {share:.2%}"]
+            return [shown, f"the range offset's uncertainty, {sigma:.2g} m, makes lengths uncertain by {share:.2%}"]
         wrong = f"the range offset in use makes lengths wrong by about {share:.1%}"
         return [shown, f"{wrong}: set sensor.range_offset_m to the offset that the radar's maker or calibration states"]
 

@@ -112,7 +112,7 @@ def test_a_polar_scan_that_cannot_be_read_measures_none(written: Path, caplog: p
         velocities = detect_velocities(open_recording(written))
     assert velocities.reasons == {Outcome.UNREAD.reason: 1}
     assert np.flatnonzero(~velocities.measured).tolist() == [2] and np.isnan(velocities.velocities[2]).all()
-    assert "5 of 6 scans measured the velocity, 1 not: the polar scan could not be read" in caplog.text
+    assert "5 of 6 scans measured the velocity; 1 did not: the polar scan could not be read" in caplog.text
 
 
 def test_a_stretch_of_which_nothing_can_be_read_joins_the_others(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -94,7 +94,7 @@ def test_the_setting_is_named_only_where_the_offset_is_sure_to_differ() -> None:
     sound = errors._replace(offset=-0.21)
     shown, uncertain = sound.describe(-0.33)
     assert "of -0.54 ± 0.10 m where -0.33 m is used" in shown
-    assert not sound.contradicts and uncertain == "the uncertainty of the range offset, 0.1 m, changes lengths by 0.07%"
+    assert not sound.contradicts and uncertain == "the range offset's uncertainty, 0.1 m, makes lengths uncertain by 0.07%"
 
 
 def test_what_a_run_states_of_the_ranges_is_among_its_notes() -> None:

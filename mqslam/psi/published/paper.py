@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] in the cases of Table I."""
 PAPER_OBTAINED = ((0.0, -0.3665), (0.1, 0.3194), (0.9, -0.1833))
-"""v [m/s] and omega [rad/s] that the paper's Table I obtained in these cases."""
+"""v [m/s] and omega [rad/s] that the paper obtained in these cases, from its Table I."""
 PAPER_SCORES = (1650.2, 1300.0, 1125.5)
-"""Scores of the bad, the better and the good map in the paper's Figure 2."""
+"""Scores of the bad, the better and the good map in the paper's Figure 2 (see `render_figure2`)."""
 SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
 SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
@@ -65,18 +65,18 @@ VARIANTS = {
     CHARGED: PsiConfig(),
     ALGORITHM_1: PsiConfig(temporal="gaussian", unmatched=0.0, numerator="tau", factor="kappa"),
 }
-"""Scores for the exhaustive search: equations (8) to (10) and (4) as printed, the same with our defaults (plateau, charge),
-and the paper's Algorithm 1 as printed, whose cost of a pair has the factor kappa_ij where equation (10) has s_ij."""
+"""Scores for the exhaustive search: equations (8) to (10) and (4) as printed; the same equations with our defaults (plateau,
+charge); and the paper's Algorithm 1 as printed, where a pair's cost has the factor kappa_ij in place of s_ij."""
 PAPER, OURS = "the paper", "our estimator"
 METHODS = (*VARIANTS, OURS)
 NOTES = (
-    "The paper's errors of 0.0087 to 0.0227 rad/s cannot be repeated in a simulated yard, whose motion is constant and "
-    "known exactly. The same search of the same score errs by less there, so that the rest of the paper's errors must come "
-    "from what the yard lacks: its robot, its reference or its surroundings.",
-    "The paper's scores of Figure 2 are of another scene and other returns: only their order can be compared. "
-    "Where the order above is not the paper's, the score as printed does not rank the maps of this yard as the paper's.",
+    "The paper's errors of 0.0087 to 0.0227 rad/s cannot be repeated in a simulated yard, where the motion is constant and "
+    "known exactly. The same search of the same score errs by less there. The rest of the paper's errors therefore comes "
+    "from the paper's robot, its reference or its surroundings, which the yard lacks.",
+    "The paper's scores of Figure 2 belong to another scene and to other returns, so that only their order can be compared. "
+    "Where the order above differs from the paper's, the score ranks the maps of this yard differently.",
 )
-"""What a reader of the table has to know about comparing the paper's figures with ours."""
+"""Notes for readers of the table on comparing the paper's numbers with ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class ExhaustiveSearch:
 SEARCH = ExhaustiveSearch(
     np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
 )
-"""The search in steps of 0.1 m/s and 0.02 rad/s, then of 0.01 m/s and 0.002 rad/s."""
+"""A search in steps of 0.1 m/s and 0.02 rad/s, then of 0.01 m/s and 0.002 rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,8 +252,8 @@ def describe_algorithm1(rows: Sequence[Table1Row]) -> str:
     """Returns a sentence on the number of windows in which Algorithm 1, as printed, ranks the right map last."""
     worst = np.concatenate([row.worst for row in rows if row.method == ALGORITHM_1 and row.worst is not None])
     return (
-        f"Algorithm 1, as printed, ranks the right map last in {worst.sum()} of {len(worst)} windows, behind those of no "
-        "motion and of half the motion: kappa is largest where points meet, so that its score grows as the map gets crisper."
+        f"Algorithm 1, as printed, ranks the right map last in {worst.sum()} of {len(worst)} windows, behind the maps of no "
+        "motion and half the motion: kappa is largest where points meet, so that the score grows as the map gets crisper."
     )
 
 

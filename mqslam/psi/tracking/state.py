@@ -28,7 +28,7 @@ SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
-"""Steps of the state that end a search, far below any error; also the state's units when matrices are inverted."""
+"""Steps (8,) of the state that end a search, far below any error; also the state's units when matrices are inverted."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding
 
 # Slowest speed that the cold start tries [m/s]; negative is backwards. Vehicles hardly reverse faster.
@@ -60,14 +60,14 @@ _PERSISTENCE = 0.9
 _GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
 
 CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
-"""Covariance [m^2, m^2, rad^2] of the motion by odometry to a scan that does not match the map where odometry puts it.
+"""Covariance of x, y [m], yaw [rad] that is added for a scan that does not match the map at the pose by odometry.
 
-Slipping wheels are a cause."""
+Slipping wheels, for example, make odometry wrong by so much."""
 
 UNSHOWN: Final = np.sqrt(np.diag(CONTRADICTED))
-"""Standard deviations [m, m, rad] of a scan's pose along directions in which psi only followed odometry.
+"""Standard deviations [m, m, rad] of a scan's pose along directions that psi did not observe and odometry gave.
 
-Separate factors of odometry state how well the motion along these directions is known; they are much more certain."""
+The pose graph has separate factors of odometry, which are much more certain along these directions."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # root of one half: each of the two poses at the ends of a motion gets half the motion's variance
@@ -160,7 +160,7 @@ class Belief:
 
 
 ORIGIN = Belief(State(np.zeros(SIZE)), np.eye(SIZE))
-"""A belief whose mean is at rest at the origin of the tracker's frame; its covariance is the identity."""
+"""A belief in a sensor at rest at the origin of the tracker's frame; the covariance is the identity."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,7 +177,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
     most = max(len(scan.returns) for scan in scans)
     raise FewReturnsError(
         f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction; "
-        f"the most returns in a scan are {most}"
+        f"the scan with the most returns holds {most}"
     )
 
 

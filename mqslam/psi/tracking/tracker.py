@@ -158,7 +158,9 @@ class Tracker:
         """
         if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
-            raise FewReturnsError(f"the first scans hold {counts} returns; each needs at least {FEWEST_RETURNS}")
+            raise FewReturnsError(
+                f"the first scans hold {counts} returns; each needs {FEWEST_RETURNS} in more than one direction"
+            )
         first = self._follow_odometry(odometry) or find_first_motion(scans, self._matcher, begin, odometry)
         changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may change while these scans last
         if first.observed:
