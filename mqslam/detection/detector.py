@@ -1,9 +1,9 @@
-"""The detector: finds the returns of a polar scan in its power.
+"""Detects the returns of a polar scan in its power.
 
-In each azimuth the strongest local maxima (peaks) of the smoothed power are found, with a range finer than a bin. A target
-is wider than one azimuth, so peaks of neighbouring azimuths at nearly the same range are one target. Only the strongest of
-these peaks becomes a return. Its range, azimuth and time are the power-weighted means over these peaks (2-D non-maximum
-suppression).
+In each azimuth the strongest peaks are found, with a range finer than a bin. A peak is a local maximum of the smoothed power
+above a threshold. A target is wider than one azimuth, so peaks of neighbouring azimuths at nearly the same range are one
+target. Only the strongest of these peaks becomes a return. The range, azimuth and time of the return are the power-weighted
+means over these peaks (2-D non-maximum suppression).
 
 Three kinds of data are left out: azimuths that are marked invalid, saturated azimuths and rings. An azimuth is saturated if
 its power is raised at all ranges. A ring is a range at which far more azimuths have a peak than at neighbouring ranges.
@@ -243,7 +243,7 @@ def _join_peaks(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """Joins peaks of neighbouring azimuths at nearly the same range to targets.
+    """Joins peaks of neighbouring azimuths at nearly the same range into one target each.
 
     Args:
         ranges: (A, K) ranges of the peaks [m].

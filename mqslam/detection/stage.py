@@ -1,4 +1,4 @@
-"""The first stage of a radar's run: detects the returns of each polar scan, and measures the velocity from its chirps."""
+"""The first stage of a radar's run: detects the returns of polar scans, and measures velocities from alternating chirps."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def detect_all(
         with_velocities: whether each polar scan measures the sensor's velocity, which needs alternating chirps.
 
     Returns:
-        The scans, and all other results; the list of returns in the latter is empty.
+        The scans, and the other results as a `Detected` whose own list of returns is empty.
 
     Raises:
         DataError: more than half of the polar scans cannot be read, or one cannot be read and `strict` is set.

@@ -255,7 +255,7 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
 
 
 def _search(correlation: ChirpCorrelation) -> Array | None:
-    """Searches the velocity (2,) [m/s] with the largest sum of correlations; None if no velocity stands out clearly."""
+    """Searches the velocity (2,), forward and left [m/s], with the largest sum of correlations; None if none stands out."""
     per_cell = correlation.cell_mps
     line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -67,8 +67,8 @@ def rank_poses(
         config: settings of the score; its first width s_start gives the size of the pixels.
 
     Returns:
-        Poses (3,) of the query's frame in the reference's frame, the best first; none if a point set is empty. Many of the
-        poses hardly differ (see `pick_apart`).
+        Poses (3,) of the query's frame in the reference's frame, the best first; an empty list if a point set is empty.
+        Many of the poses hardly differ (see `pick_apart`).
     """
     pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
@@ -118,7 +118,7 @@ class Image:
     """An image that other images are correlated with; parts shifted beyond an edge enter at the opposite edge.
 
     Args:
-        image: (K, K) values of the pixels.
+        image: (K, K) values of the pixels, indexed by column (along x) and row (along y).
         cells: C, largest shift along each axis [pixels].
     """
 

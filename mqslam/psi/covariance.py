@@ -7,7 +7,7 @@ square cell of the map). The covariance is then
     Sigma = n / (n - q) H^-1 (sum_c g_c g_c^T) H^-1        for n objects and q variables.
 
 A direction is a vector of changes of the state's variables, such as a shift along a wall. In a direction that psi hardly
-observes, H is hardly positive, and Sigma comes out large. The first factor is the usual correction for few samples: q
+observes, H is hardly positive, and Sigma comes out large. The factor n / (n - q) is the usual correction for few samples: q
 variables can bring the scores of q objects to zero, whatever the errors of these objects are.
 
 Along a bare wall the returns of two views are scattered alike at any shift. At wide widths of the score (a wide scale), H
@@ -94,7 +94,7 @@ def curvature_by_differences(
 
 
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
-    """Finds the directions (K, size) that psi does not observe; Gauss-Newton's information along each of them is 1.
+    """Finds the directions (K, size) that psi does not observe, scaled to a Gauss-Newton information of 1 along each.
 
     If Gauss-Newton's information is singular, as it is when all returns lie on one ray, no direction counts as observed.
 
@@ -115,10 +115,10 @@ def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
 
 
 def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a covariance (Q, Q) that is large along weak directions and zero across them.
+    """Returns a covariance (Q, Q) that is large along given directions and zero across them.
 
     Args:
-        directions: (K, Q) the weak directions; if there are none, the covariance is zero.
+        directions: (K, Q) directions that psi does not observe; if there are none, the covariance is zero.
         spans: (Q,) standard deviation of each variable when nothing is known about it.
     """
     spread = np.zeros((len(spans), len(spans)))

@@ -29,7 +29,7 @@ _STRETCHES, _STRETCH_SCANS = 4, 12
 # Step between the Doppler shifts that are tried [s], and number of steps to either side of zero. Their range includes the
 # shifts of Navtech's radars.
 _STEP_S, _STEPS = 0.05, 2
-# Share by which a Doppler shift must lower psi; a shift that lowers psi by less counts as zero.
+# Share by which a Doppler shift must lower psi, unless the shift is usual for Navtech's radars; else it counts as zero.
 _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as zero [s]: it moves returns by only a tenth of their range error.
 _DOPPLER_LEAST = 0.01

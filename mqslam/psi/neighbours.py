@@ -1,4 +1,4 @@
-"""Neighbour search: points sorted into a grid of cells, and lists of near points that stay valid over small motions.
+"""Sorts points into a grid of cells, and lists near points; the lists stay valid over small motions.
 
 When points move a little, their neighbours hardly change. A list holds points up to a radius that is larger than the reach
 of the score (the difference is the skin of a Verlet list). The list stays valid until points have moved so far that a
@@ -106,7 +106,7 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
         order: (N,) indices of the items in their present order.
 
     Returns:
-        The indices (N,) of the items in their new order, and (K + 1,) the position of the first item of each of K keys,
+        The indices (N,) of the items in their new order, and the position (K + 1,) of the first item of each of K keys,
         with N as the last entry.
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)

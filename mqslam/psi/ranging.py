@@ -4,8 +4,8 @@ A wrong range offset displaces an object along the ray, and a wrong Doppler shif
 in proportion to the speed. While the radar passes the object, these displacements change, so that both errors blur the map
 in ways that no motion can undo. Short stretches of the recording are rendered under the run's trajectory. psi is minimised
 over a state that holds the offset, the shift and a correction of the trajectory, which is linear between a few points in
-time (knots). The Schur complement of the curvature removes the correction. The rest is the information of the stretch about
-the two errors.
+time (knots). The Schur complement of the curvature removes the correction, and leaves the information that the stretch
+holds about the two errors.
 
 psi cannot show a wrong length of the range bins, which scales map and motion alike. Nor can psi show a constant angle
 between the first azimuth and straight ahead, which only rotates the whole map. Objects with depth, such as hedges, are seen
@@ -78,7 +78,9 @@ class RangeErrors(NamedTuple):
         return bool(abs(self.offset) > _SURE * self.sigmas[0])
 
     def describe(self, used: float) -> list[str]:
-        """Describes the errors in two sentences for the user; the second sentence says what to do about the range offset.
+        """Describes the errors in two sentences for the user: the errors, and how much they make lengths wrong or uncertain.
+
+        If the offset in use is wrong, the second sentence says what to do.
 
         Args:
             used: range offset in use [m], which has been added to the ranges of the returns.

@@ -1,4 +1,4 @@
-"""The score psi as the estimator minimises it: a compiled sum over neighbours, with the derivatives for the minimiser.
+"""Computes the score psi as the estimator minimises it: a compiled sum over neighbours, with derivatives.
 
 Points that are scored (queries) are compared with other points (references). The references within a distance s of a query
 are its neighbours. A neighbour's weight is kappa = exp(-(distance/beta_s)^2), times a fade if the two points were measured

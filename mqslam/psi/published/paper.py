@@ -285,7 +285,7 @@ def render_motion(window: Window, name: str, motion: se2.Array, variant: PsiConf
 
 
 def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> list[Rendering]:
-    """Renders one window three times: without motion, with half the estimated motion, and with the estimated motion."""
+    """Renders a window of the third case without motion, with half the estimated motion and with the estimated motion."""
     window = simulate_window(_MOTION_2, seed, SCANS)
     best = estimate_motion(window).theta
     motions = {"bad: no motion": 0.0, "better: half the motion": 0.5, "good: the estimated motion": 1.0}
@@ -343,7 +343,7 @@ def _format_scores(maps: Sequence[Rendering]) -> str:
 
 
 def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
-    """Writes a figure of maps in rows, and returns the figure's path; `labels` has one text in all or one per column."""
+    """Writes a figure of maps in rows and returns its path; `labels` holds one text for the figure or one per column."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -379,7 +379,7 @@ def _draw_map(axes: Axes, shown: Rendering) -> None:
 
 
 def _label_figure(figure: Figure, axes: NDArray[np.object_], labels: list[str]) -> None:
-    """Writes the driven motion above the maps, and a legend of the scans' colours below them."""
+    """Writes the true motions (`labels`, one for all maps or one per column) above the maps, and a legend below."""
     from matplotlib.lines import Line2D
 
     if len(labels) == 1:

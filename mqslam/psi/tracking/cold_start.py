@@ -77,13 +77,13 @@ def find_first_motion(
     found = window.estimate(begin, model)
     if odometry is not None and found.status is not Status.CONVERGED:
         found = window.estimate(odometry, model)
-    if not overlaps(found.minimum):  # scans without overlap show no motion, which may then be any of a vehicle's
+    if not overlaps(found.minimum):  # scans without overlap show no motion: any motion of a vehicle is possible
         fastest = max(matcher.settings.speed_max, -SPEED_MIN)
         spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, START_ALPHA])
         return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
     theta = found.theta
     if odometry is None and found.status is not Status.CONVERGED:
-        # the motion is shrunk towards rest as far as its covariance leaves it open
+        # where psi leaves the motion open, it is shrunk towards rest
         at_rest = np.diag(_AT_REST[:size] ** 2)
         theta = at_rest @ invert(at_rest + found.covariance, TOLERANCES[MOTION][:size]) @ theta
     motion, covariance = np.zeros(MODEL.size), np.zeros((MODEL.size, MODEL.size))

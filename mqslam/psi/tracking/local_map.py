@@ -27,8 +27,8 @@ class Tuning(NamedTuple):
         keyframes: largest number of scans that the map holds.
         final_width: factor on the final widths s and beta_s where a scan is matched to the map, whose many keyframes scatter
             more than the scans of a window.
-        first_step: first step of the annealing at which the match of a predicted scan begins. The widths of step 0 are not
-            needed from a prediction, and would pull scans back to where the map is denser.
+        first_step: first step of the annealing at which the match of a predicted scan begins. A prediction does not need the
+            widths of step 0, which would pull scans back to where the map is denser.
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
         doubtful_psi: a match whose psi per return is more than this many times its usual value may be at a wrong minimum.
             Better matches are then looked for ahead of the match, behind the match, and rotated to either side.

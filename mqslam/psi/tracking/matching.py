@@ -155,11 +155,11 @@ class Matcher:
             predicted: predicted state of the scan; its covariance bounds the search.
             into: the map.
             known: a match that was found before and competes with the new matches.
-            is_doubtful: returns whether a match is doubtful. If the best match is, other yaws are tried at the same places.
-                None tries only the best yaw at each place. Used only if `tuning.sees_part` is set.
+            is_doubtful: returns whether a match is doubtful. If the best match is doubtful, other yaws are tried at the same
+                places. None tries only the best yaw at each place. Used only if `tuning.sees_part` is set.
 
         Returns:
-            The best match, and whether another place in the map fits the scan about as well; always False for the latter if
+            The best match, and whether another place in the map fits the scan about as well. The latter is always False if
             `tuning.sees_part` is set.
         """
         ranked, size_m = self._rank_poses(scan, predicted, into)
@@ -213,7 +213,8 @@ class Matcher:
     ) -> NDArray[np.float64]:
         """Returns the covariance (3, 3) of a match's pose in x, y, yaw [m, m, rad].
 
-        The result fuses psi's covariance with the prediction's, which alone counts along directions psi does not observe.
+        The covariances of psi and of the prediction are fused. Along directions that psi does not observe, only the
+        prediction counts.
 
         Args:
             evaluation: psi at the match.

@@ -86,12 +86,12 @@ class State:
 
     @classmethod
     def of(cls, pose: se2.Array, motion: se2.Array) -> State:
-        """Makes a state of a start pose (3,) and a motion (5,), which is twist and accelerations."""
+        """Makes a state of a start pose (3,) [m, m, rad] and a motion (5,) as in `State.motion`."""
         return cls(np.r_[pose, motion])
 
     @classmethod
     def at_constant_twist(cls, pose: se2.Array, twist: se2.Array) -> State:
-        """Makes a state of a start pose (3,) and a twist (3,), without acceleration."""
+        """Makes a state of a start pose (3,) [m, m, rad] and a twist (3,) [m/s, m/s, rad/s], without acceleration."""
         return cls(np.r_[pose, twist, 0.0, 0.0])
 
     @property
@@ -138,12 +138,12 @@ class Belief:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) start pose [m, m, rad]."""
+        """(3,) the most likely start pose [m, m, rad], in the tracker's frame."""
         return self.mean.pose
 
     @property
     def information(self) -> NDArray[np.float64]:
-        """(8, 8) inverse of the covariance."""
+        """(8, 8) inverse of the covariance, in the order of the vector."""
         return invert(self.covariance, TOLERANCES)
 
     @property
@@ -223,7 +223,7 @@ class LastMatch:
         turn_s: duration of the scan [s]; the radar may revolve at another rate later.
         belief: belief about the scan's state.
         blind: uncertainty of the motion along directions that psi does not observe.
-        twists: twists (3,) of the last scans in which psi observed every direction, in the order of time.
+        twists: twists (3,) [m/s, m/s, rad/s] of the last scans in which psi observed every direction, in the order of time.
     """
 
     t0: float
@@ -295,7 +295,7 @@ def guide(belief: Belief, twist: se2.Array, dt: float) -> Belief:
 
     Args:
         belief: belief about the state at the start.
-        twist: (3,) mean twist by odometry, without NaN.
+        twist: (3,) mean twist [m/s, m/s, rad/s] by odometry, without NaN.
         dt: time from the start to the predicted state [s]; negative predicts an earlier state.
     """
     step = se2.exp(twist, dt)
@@ -327,7 +327,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
 
 
 def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Belief:
-    """Returns the belief at its twist with accelerations of zero, whose variances are (2,) [(m/s^2)^2, (rad/s^2)^2]."""
+    """Returns the belief with accelerations of zero, whose variances (2,) are given [(m/s^2)^2, (rad/s^2)^2]."""
     covariance = belief.covariance.copy()
     covariance[ACCELERATION, :] = covariance[:, ACCELERATION] = 0.0
     covariance[ACCELERATION, ACCELERATION] = np.diag(variances)
@@ -362,7 +362,7 @@ def smooth_last(values: NDArray[np.float64], change: float) -> float:
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Corrects a belief by a measurement of the motion (5,), which is twist and accelerations, with a covariance (5, 5)."""
+    """Corrects a belief by a measured motion (5,), in the order of `State.motion`, with a covariance (5, 5)."""
     gain = belief.covariance[:, MOTION] @ invert(belief.covariance[MOTION, MOTION] + covariance, TOLERANCES[MOTION])
     kept = np.eye(SIZE)
     kept[:, MOTION] -= gain
@@ -371,7 +371,7 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces a belief's twist and accelerations by a motion (5,) with a covariance (5, 5), independent of the pose."""
+    """Replaces a belief's motion by another (5,), as in `State.motion`, with a covariance (5, 5) independent of the pose."""
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance
@@ -426,7 +426,7 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (5,) of the changes of vx, vy, omega, ax and alpha within a noise period of 0.25 s."""
+    """Returns standard deviations (5,) of changes of vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2] in 0.25 s."""
     return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 

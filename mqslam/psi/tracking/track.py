@@ -34,8 +34,8 @@ class Track:
         scans: all scans of the recording.
         tracker: a new tracker.
         find_twist: returns the mean twist (3,) vx, vy [m/s], omega [rad/s] between two times [s] by other sensors, here
-            called odometry; NaN for components that no sensor measures, and None if there are no sensors. The twist is used
-            where psi alone does not find or observe the motion.
+            called odometry; NaN for components that no sensor measures, and None if no component is measured. The twist is
+            used where psi alone does not find or observe the motion.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Track:
         self._patience = PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
-        """Yields the result of every scan in their order, each as soon as it cannot change any more.
+        """Yields the results of all scans in their order, each result as soon as it cannot change any more.
 
         Raises:
             EstimationError: there are fewer than two scans.
@@ -132,7 +132,7 @@ class Track:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measures the scans of a map that has only begun a second time, if there are enough of these scans."""
+        """Measures the scans of a young map for the second time, if there are enough of these scans."""
         young, self._young = self._young, []
         if len(young) >= _YOUNG_LEAST:
             again = self._tracker.remeasure([self._scans[n] for n in young], [self._tracked[n] for n in young])

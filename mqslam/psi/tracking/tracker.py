@@ -72,7 +72,8 @@ class Tracked:
         state: start pose and motion of the scan.
         covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
             match.
-        unseen: (3, 3) covariance to add to `covariance` for directions that psi does not observe or where there is no match.
+        unseen: (3, 3) covariance to add to `covariance` where psi does not observe a direction, where there is no match, or
+            where a map begins with a scan whose twist is uncertain.
         evaluation: psi of the scan in `state`; empty if a new map begins with the scan.
         status: how far the state can be trusted.
         begins_map: whether a new map begins with this scan.
@@ -145,7 +146,7 @@ class Tracker:
         return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
-        """Finds the motion of the first scans, begins the map with the first of these scans, and returns its result.
+        """Finds the motion of the first scans, and begins the map with the first one; returns the result of that scan.
 
         Args:
             scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
@@ -179,7 +180,7 @@ class Tracker:
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
-        """Returns whether a prediction so long after the last match may miss the scan's pose; False if odometry guides."""
+        """Returns whether a scan is so long after the last match that a prediction may miss it; False if `is_guided`."""
         if self._is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
@@ -204,7 +205,7 @@ class Tracker:
         prior = predicted.prior
         minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
         if self._is_doubtful(minimum):
-            if self._is_guided:  # wheels that slip may be off by any motion
+            if self._is_guided:  # where wheels slip, odometry may be wrong by any motion
                 minimum, _ = matcher.search(scan, begin, self._map, minimum, self._is_doubtful)
             else:
                 minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
@@ -321,7 +322,7 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _look_around(self, scan: Scan, minimum: Minimum) -> Minimum:
-        """Looks for a match near the last match's pose, since odometry may have jumped; returns `minimum` without one."""
+        """Looks for a match near the last match's pose, as odometry may have jumped; returns `minimum` if none is found."""
         still = guide(self._last.belief, np.zeros(3), scan.t0 - self._last.t0)
         here = self._matcher.minimise(scan, still.mean, still.prior, self._map)
         found, _ = self._matcher.search(scan, still, self._map, here)
@@ -391,7 +392,7 @@ class Tracker:
         return self._usual.is_doubtful(minimum, self._tuning.doubtful_psi)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
-        """Returns whether a match is probably wrong: scan and map hardly overlap, or overlap much less than usual."""
+        """Returns whether a match is probably wrong, since scan and map hardly overlap or overlap much less than usual."""
         return not overlaps(minimum) or self._usual.is_poor(minimum.evaluation.overlap)
 
     def _observes_all(self, scan: Scan, minimum: Minimum, into: LocalMap) -> bool:
