@@ -176,7 +176,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
             return k
     most = max(len(scan.returns) for scan in scans)
     raise FewReturnsError(
-        f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction; "
+        f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction without a gap between the scans; "
         f"the scan with the most returns holds {most}"
     )
 
