@@ -1,4 +1,7 @@
-"""The command line: one file per command. Heavy libraries are imported inside the commands, so that help is quick."""
+"""Builds the command `mqslam` from one file per command.
+
+The files import heavy libraries only when their command runs, so that the help appears fast.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ app.add_typer(paper, name="paper", rich_help_panel=_RESEARCH)
 
 
 def _print_version(asked: bool) -> None:
-    """Prints the version, if it was asked for, and ends the command."""
+    """Prints the version and ends the command, if `--version` was given."""
     if asked:
         typer.echo(f"mqslam {mqslam.__version__}")
         raise typer.Exit
@@ -66,17 +69,17 @@ def _print_version(asked: bool) -> None:
 def _top(
     version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
 ) -> None:
-    """Offline radar SLAM in which the measurement is map quality.
+    """Make maps from recordings of a radar or a planar lidar, offline: the measurement is the quality of the map.
 
     Example: mqslam run drive --out result
     """
 
 
 def main() -> None:
-    """Runs the command line.
+    """Runs the command line and ends the process with the command's exit code.
 
-    A mistake that the user can mend is shown as one line on stderr and gives exit code 2. After an interrupt the exit code
-    is 128 plus the number of the interrupt's signal.
+    A mistake that the user can mend is shown as one line on stderr and gives exit code 2. If a signal interrupts the
+    command, the exit code is 128 plus the number of the signal.
     """
     command = sys.argv[1] if len(sys.argv) > 1 else ""
     try:

@@ -1,4 +1,4 @@
-"""`mqslam audit`: judges how good a map is and where it is torn, and says how sure that is."""
+"""`mqslam audit`: judges the map of any SLAM system without ground truth, and lists the places where the map is wrong."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _OWN: Options = {
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
-_LISTED = 3  # number of the worst torn windows, and of the worst torn revisits, that are printed
+_LISTED = 3  # at most this many torn windows and this many torn revisits are printed, the worst first
 
 
 @command(
@@ -89,9 +89,10 @@ def audit(
 ) -> None:
     """Judge the map that a recording makes under a trajectory, without ground truth.
 
-    Each window, several consecutive scans, is compared with its own best map. Its inflation is the correction that psi would
-    make, in units of that correction's covariance: a chi-square with 3 degrees of freedom where the map is right. Where the
-    sensor passes a place twice, psi registers the two passes on each other.
+    Each window (several consecutive scans) is compared with the best map of the same scans, which is the map with the lowest
+    psi. The inflation of a window is the squared correction that leads to this best map, in units of its covariance; where
+    the map is right, it follows a chi-square distribution with 3 degrees of freedom. Where the sensor passes a place twice,
+    psi registers the two passes on each other, which shows how far the trajectory misplaces them.
 
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """
@@ -116,7 +117,7 @@ def audit(
 
 
 def print_audit(_: Terminal, result: AuditResult) -> None:
-    """Prints the results of an audit for people."""
+    """Prints the results of an audit as text for people."""
     echo(name_options(_format_results(result.summary)))
     if (baseline := result.summary["baseline"]) is not None:
         worse = f"worse than {baseline['path']}: {'; '.join(result.worse)}"
@@ -125,10 +126,10 @@ def print_audit(_: Terminal, result: AuditResult) -> None:
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:
-    """Returns the lowest and the highest height [m] that a text LOW,HIGH states; None without a text.
+    """Returns the lowest and the highest height [m] from a text LOW,HIGH; None if there is no text.
 
     Raises:
-        ConfigError: the text has another form.
+        ConfigError: the text does not consist of two numbers.
     """
     from mqslam.errors import ConfigError
 
@@ -142,7 +143,7 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
 
 
 def _describe_final_psi(final: dict[str, float | None]) -> str:
-    """Describes in words how far psi of a map is above the best psi of the same returns."""
+    """Describes how far psi of a map is above the best psi of the same returns, given `final_psi` of audit.json."""
     windows, passes = final["over_best_of_windows"], final["over_best_of_passes"]
     parts = [] if windows is None else [f"{windows:.2f} times the best of its windows"]
     parts += [] if passes is None else [f"{passes:.2f} times the best across passes"]
@@ -150,14 +151,14 @@ def _describe_final_psi(final: dict[str, float | None]) -> str:
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns the main results as lines: the verdict, the final psi, the worst torn places, and mending."""
+    """Returns verdict, final psi, worst places and mending as text, given the content of audit.json."""
     from mqslam.auditing.table import TESTS
 
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":
         rows += _list_worst(summary)
     verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
-    names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # a better one than --mend
+    names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # better advice than --mend
     found_bad = {name for name, test in summary["tests"].items() if test["status"] in ("warn", "fail")}
     is_mendable = not found_bad.isdisjoint(test.name for test in TESTS if test.is_mendable)
     if can_mend and is_mendable and not names_remedy:
@@ -169,7 +170,7 @@ def _format_results(summary: dict[str, Any]) -> str:
 
 
 def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the worst torn windows and revisits as (name, text) rows."""
+    """Returns the worst torn windows and revisits, whose errors exceed chance and tolerance, as rows (name, text)."""
     windows = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:_LISTED]
     rows = [("torn window", f"{_place(w, w['t0'], w['t1'])}: bent by {w['size_m']:.2f} m") for w in windows]
     revisits = [r for r in summary["per_revisit"] if r["torn"]]

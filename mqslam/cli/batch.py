@@ -27,10 +27,11 @@ _OWN: Options = {
 def batch(terminal: Terminal, **given: Any) -> None:
     """Run many recordings and write one report on all of them.
 
-    They run one after the other, or on a cluster as many at a time as it has workers. If a run fails, its error is shown and
-    the others go on. The same command called again keeps the runs that are finished and continues those that are not.
+    The runs follow one after the other; on a cluster, every worker does one run at a time. If a run fails, its error is
+    shown and the other runs go on. Repeat the command to continue a batch: finished runs are kept, and unfinished runs
+    continue.
 
-    Exit code: 0 if every run is finished, 1 if one failed.
+    Exit code: 0 if every run is finished, 1 if at least one failed.
 
     Example: mqslam batch runs.yaml --out results
     """
@@ -49,7 +50,7 @@ def batch(terminal: Terminal, **given: Any) -> None:
 
 
 def print_batch(terminal: Terminal, result: Result) -> None:
-    """Prints the results of a batch for people."""
+    """Prints the results of a batch as text for people."""
     from rich.console import Console
 
     Console(soft_wrap=True).print(_tabulate(result.summary))
@@ -61,7 +62,7 @@ def print_batch(terminal: Terminal, result: Result) -> None:
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:
-    """Returns a table with a row per run."""
+    """Returns a table with a row per run: name, verdict, number of scans, path [m], number of loops and ATE [m]."""
     from rich.table import Table
 
     table = Table(show_edge=False, pad_edge=False)

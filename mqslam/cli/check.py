@@ -13,11 +13,11 @@ from mqslam.errors import show
 
 @command("data config changes odometry format range_resolution as_json quiet verbose")
 def check(terminal: Terminal, **given: Any) -> None:
-    """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation, length of a range bin.
+    """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation and range bins.
 
-    The check reads three short stretches. With odometry it also finds out whether the recording is mirrored, whether stamps
-    are of the end of a turn instead of its start (or the reverse), and whether the length of a range bin is wrong; the map
-    alone shows none of these. Ground truth is not used.
+    The check reads only short stretches of the recording. Odometry is needed to find out whether the recording is mirrored,
+    whether stamps belong to the end of a turn instead of its start (or the reverse), and whether the length of a range bin
+    is wrong, since the map alone shows none of these mistakes. Ground truth is not used.
 
     Exit code: 0 if nothing is suspicious, 1 if something is.
 

@@ -1,4 +1,4 @@
-"""`mqslam compare`: runs several front ends on one recording and judges their maps side by side."""
+"""`mqslam compare`: runs several front ends on one recording and judges the map of each."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _OWN: Options = {
     _OWN,
 )
 def compare(terminal: Terminal, *, trajectory: list[str] | None, **given: Any) -> None:
-    """Run several front ends on the same returns with the same back end, and judge the maps they make.
+    """Run several front ends on the same returns with the same back end, and judge the maps that result.
 
-    Only the row `odometry` uses odometry; with a lidar's recording all rows do, as a run does.
-    The last line names the best row: the row with the least drift or ATE, or without ground truth the row with the
-    fewest torn windows and revisits. A window is torn if its inflation is too large (its median is 2.37 for a right
-    trajectory).
+    With a radar's recording, only the front end `odometry` uses odometry; with a lidar's recording, every front end does.
+    The last line names the best row of the table: with ground truth, the row with the smallest drift or ATE; without, the
+    row with the smallest share of torn windows and revisits. A window is torn if its inflation is larger than chance
+    explains (the median is 2.37 for a right trajectory) and its error exceeds a tolerance.
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
     """
@@ -56,7 +56,7 @@ def compare(terminal: Terminal, *, trajectory: list[str] | None, **given: Any) -
 
 
 def print_compared(_: Terminal, result: CompareResult) -> None:
-    """Prints the table of a comparison for people."""
+    """Prints the results of a comparison as text for people."""
     _print_table(result.table, result.marked)
     for row in result.summary["rows"]:
         if row.get("verdict") in ("warn", "fail"):
@@ -67,10 +67,10 @@ def print_compared(_: Terminal, result: CompareResult) -> None:
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:
-    """Returns the files of trajectories given as NAME=FILE or NAME=POSES,TIMES, by name.
+    """Returns the files of trajectories that are given as NAME=FILE or NAME=POSES,TIMES, by NAME.
 
     Raises:
-        ConfigError: a text has another form, or a name occurs twice.
+        ConfigError: a text has another form, or a name is given twice.
     """
     from mqslam.errors import ConfigError
 
@@ -87,11 +87,11 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
 
 
 def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> None:
-    """Prints the table transposed, since a column for each row of the comparison fits any terminal.
+    """Prints the table of a comparison transposed, so that it fits any terminal, and below it why some rows could not run.
 
     Args:
-        cells: the lines of the table, its head first.
-        marked: (line, column) of the best values.
+        cells: the lines of the table, each with the name of its row first; the line of column heads comes first.
+        marked: the best values, as (index of the line in `cells`, index of the column).
     """
     from rich.console import Console
     from rich.table import Table

@@ -1,4 +1,4 @@
-"""`mqslam config`: shows the settings, with unit and reason."""
+"""`mqslam config`: shows settings with their units and reasons, the settings that a file changes, and their JSON schema."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ _DIFF: Options = {
 @config.command(cls=Command)
 @command("name everything as_json", _SHOW)
 def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
-    """Show the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
+    """Show the settings of a file, or the defaults, as YAML with the unit and the reason of each setting.
 
-    Settings that only an expert would touch are shown with --all, with --json, and where the file changes them.
+    Settings that only an expert would touch are shown if --all or --json is given, or if the file changes them. The YAML can
+    be given to --config.
 
     Example: mqslam config show oxford > mine.yaml
     """
@@ -48,9 +49,10 @@ def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
 @config.command(cls=Command)
 @command("name other everything as_json", _DIFF)
 def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) -> None:
-    """Show which settings a file changes.
+    """Show which settings of a file differ from the defaults, or from the settings of another file.
 
-    In a lidar's run, lengths follow from the recording: with --all and with --json, these settings are listed, too.
+    A lidar's run takes many settings, such as lengths, from its recording. These settings are listed only with --all or
+    --json.
 
     Example: mqslam config diff result/config.yaml
     """

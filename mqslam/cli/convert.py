@@ -37,11 +37,12 @@ _OWN: Options = {
 
 @command("data out to message config changes format range_resolution topic force quiet verbose", _OWN)
 def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any) -> None:
-    """Write a recording in another layout, with the odometry, ground truth and sensors that mqslam writes there.
+    """Write a recording in another layout, with what mqslam can write there of odometry, ground truth and sensors.
 
-    The folder of a finished run is written as a bag of its results: /path, /tf from map to radar, /pose with covariances,
-    /map (the occupancy grid) and /points; or as TUM with the covariance of each pose, if OUT ends in .tum. The keyframes of
-    a result, or a folder of keyframes alone, are written as a point cloud if OUT ends in .ply.
+    The folder of a finished run is written as a bag with its results: /path, /tf from map to radar, /pose with covariances,
+    /map (the occupancy grid) and /points. If OUT ends in .tum, the trajectory of the run is written as TUM with the
+    covariance of each pose. If OUT ends in .ply, the keyframes of a result, or of a folder of keyframes, are written as a
+    point cloud.
 
     Example: mqslam convert drive drive.mcap
 

@@ -1,4 +1,4 @@
-"""`mqslam diff`: shows in what two results differ."""
+"""`mqslam diff`: shows the differences between two results."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 @command("first second as_json quiet verbose", _OWN)
 def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
-    """Show in what two results differ: options, settings, figures, and the distances between their trajectories.
+    """Show the differences between two results: options, settings, figures, and the distances between their trajectories.
 
-    Trajectories are compared as they are, both in the frame of their first pose, and after the best rigid alignment.
-    psi is compared only if both maps are of the same returns.
+    The distances are measured twice: as the trajectories are, and after the best rigid alignment. psi is compared only if
+    both maps are made of the same returns and scored by the same settings.
 
     Example: mqslam diff earlier result
     """
@@ -40,9 +40,9 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
 
 
 def _parse_options(line: str) -> dict[str, Any] | None:
-    """Returns the options in a line of the command line by their names; None if it is no command of mqslam.
+    """Returns the values of the options in a command line, by name; None if the line is no command of mqslam.
 
-    Settings, which a result holds itself, and options that change no result are left out.
+    Options that change no result are left out, and settings, since every result holds its settings itself.
     """
     from mqslam.cli import app
 
@@ -61,7 +61,7 @@ def _parse_options(line: str) -> dict[str, Any] | None:
 
 
 def _format(differences: dict[str, Any]) -> str:
-    """Returns the differences as lines, under a heading for each kind."""
+    """Returns differences as text, with a heading for each kind, given what `diff_results` returned."""
     shown = {name: both for name, both in differences["figures"].items() if name.partition(".")[0] in _SHOWN}
     options = differences["options"]
     given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}

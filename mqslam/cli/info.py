@@ -13,7 +13,7 @@ from mqslam.errors import show
 if TYPE_CHECKING:
     from mqslam.config import Config
 
-_LISTED = 5  # number of gaps that are shown one by one
+_LISTED = 5  # at most this many gaps are shown one by one
 
 
 @command("data config changes format range_resolution topic as_json quiet verbose")
@@ -36,7 +36,7 @@ def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, 
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the facts about a radar's recording as (name, text) rows for people."""
+    """Returns what `describe_radar` says about a recording as rows (name, text) for people."""
     return [
         ("format", facts["format"]),
         ("path", facts["path"]),
@@ -57,7 +57,7 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
-    """Describes the gaps of a recording in a line: the first gaps, and if there are many, the missing seconds in total."""
+    """Describes the gaps of a recording in one line: the first gaps, and the missing seconds in total if there are more."""
     if not gaps:
         return "none"
     first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
@@ -68,7 +68,7 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the facts about a lidar's recording as (name, text) rows for people."""
+    """Returns what `describe_lidar` says about a recording as rows (name, text) for people."""
     return [
         ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes its map, mqslam audit judges one"),
         ("path", facts["path"]),
@@ -83,14 +83,14 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_extent(track: dict[str, Any] | None) -> str:
-    """Describes the number of poses and the length of a trajectory in words."""
+    """Describes a trajectory by its number of poses and its length; "none" without a trajectory."""
     from mqslam.core.wording import count_of
 
     return "none" if track is None else f"{count_of(track['poses'], 'pose')}, {track['length_m']:.1f} m"
 
 
 def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
-    """Describes the readings of a sensor in words: their number, their rate, the time that they span and their source."""
+    """Describes number, rate, time span and source of a sensor's readings, each named `reading`; "none" for None."""
     if sensor is None:
         return "none"
     plural = "" if sensor["readings"] == 1 else "es" if reading == "fix" else "s"
@@ -100,7 +100,7 @@ def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
 
 
 def _describe_mount(mount: dict[str, Any] | None) -> str:
-    """Describes the pose of the radar on the vehicle in words."""
+    """Describes the pose of the radar on the vehicle in words; "not stated" if the pose is unknown."""
     if mount is None:
         return "not stated"
     place = f"{mount['x_m']:z.3g} m forward, {mount['y_m']:z.3g} m to the left, {mount['yaw_deg']:z.3g} deg to the left"

@@ -42,10 +42,12 @@ _OWN: Options = {
     _OWN,
 )
 def localise(terminal: Terminal, *, map: Path, config: ConfigSource, topic: list[str] | None, **given: Any) -> None:
-    """Find the poses of a recording in the map of an earlier run, without a guess of where it begins.
+    """Find the poses of a recording in the map of an earlier run, without knowing where in the map the recording begins.
 
-    Places of the map are recognised in the recording. From there on, psi registers every scan on the map around it. Each
-    pose has a covariance relative to the map around it, and a status: converged, degenerate, lost or outside.
+    Places of the map are recognised in the recording. Starting from these places, psi registers every scan on the part of
+    the map around it. Each pose has a covariance relative to that part of the map, and a status: converged; degenerate, if
+    the map does not show one direction; lost, if too little of the scan lies on the map; or outside, if the map is empty
+    there.
 
     Example: mqslam localise second_drive --map result --out localised
     """
@@ -61,7 +63,7 @@ def localise(terminal: Terminal, *, map: Path, config: ConfigSource, topic: list
 
 
 def print_localised(terminal: Terminal, result: LocaliseResult) -> None:
-    """Prints the results of a localisation for people."""
+    """Prints the results of a localisation as text for people."""
     from rich.console import Console
 
     terminal.print_warnings(result.warnings)
@@ -72,7 +74,7 @@ def print_localised(terminal: Terminal, result: LocaliseResult) -> None:
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:
-    """Returns the table of the main results: how many scans lie on the map, and how certain their poses are."""
+    """Returns the main results of a localisation as a table, given the content of summary.json."""
     from rich.table import Table
     from rich.text import Text
 

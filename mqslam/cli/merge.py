@@ -22,8 +22,9 @@ _OWN: Options = {
 def merge(terminal: Terminal, **given: Any) -> None:
     """Make one map of several recordings, and show what changed between them.
 
-    Places that the recordings share are found without a guess of where they are, and psi registers them on each other. Where
-    several places fit, nothing is merged. The map is in the frame of the first result, and can be merged again.
+    The places that the recordings share are recognised without a starting guess, and psi registers the recordings on each
+    other there. If a recording fits in several places, nothing is merged. The map is in the frame of the first result. The
+    result can be merged again.
 
     Example: mqslam merge monday friday --out both
     """
@@ -36,13 +37,13 @@ def merge(terminal: Terminal, **given: Any) -> None:
 
 
 def print_merged(_: Terminal, result: MergeResult) -> None:
-    """Prints the results of a merge for people."""
+    """Prints the results of a merge as text for people."""
     echo(_format_results(result.summary))
     echo(f"results in {result.folder}; open {result.report} in a browser")
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns the main results as lines."""
+    """Returns the conclusion, links, psi and changes of a merge as text, given the content of summary.json."""
     from mqslam.core.wording import count_of
 
     links, psi, changes = summary["links"], summary["psi"], summary["changes"]

@@ -33,8 +33,8 @@ def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
     """Optimise a pose graph in a file, and print its error before and after.
 
     The edges of a .g2o have no robust losses; a run uses such losses so that wrong loops and motions do not bend its graph.
-    The poses that FIX names stay where they are; without FIX, the first pose stays.
-    A run's graph.g2o holds the radar's poses without gyroscope and GNSS, so that its optimum may differ from the run's.
+    The poses that FIX names stay where they are; without FIX, the first pose stays. A run's graph.g2o leaves gyroscope and
+    GNSS out, so that the optimum of this file may differ from the trajectory of the run.
 
     Example: mqslam optimise result/graph.g2o --out optimised.g2o
     """
@@ -45,7 +45,7 @@ def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
 
 
 def _format_results(facts: dict[str, Any], out: Path | None) -> str:
-    """Returns the size of the graph, its error and the written file as lines."""
+    """Returns the size of the graph, its error and the written file as text, given what `optimise_file` returned."""
     from mqslam.core.wording import count_of
 
     where = {2: "in the plane", 3: "in space"}[facts["dimensions"]]

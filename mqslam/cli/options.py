@@ -1,4 +1,4 @@
-"""Declares the options of all commands, and the decorator that makes a function a command with the options it names."""
+"""Declares the options that several commands share, and the decorator that makes a function a command with named options."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _FlagsWithoutType:
     """A command whose help shows no type for an option that only switches something on."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Returns the parameters of the command."""
+        """Returns the parameters of the command; parameters that are flags show no type in the help."""
         listed: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for parameter in listed:
             if getattr(parameter, "is_flag", False):
@@ -50,25 +50,25 @@ class _FlagsWithoutType:
 
 
 class Command(_FlagsWithoutType, TyperCommand):
-    """A command of the command line."""
+    """A command without subcommands, such as `mqslam run`."""
 
 
 class Group(_FlagsWithoutType, TyperGroup):
-    """A command with commands of its own."""
+    """A command with subcommands, such as `mqslam config`."""
 
 
 def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> tuple[Any, Any]:
-    """Declares an argument of a command; `more` is passed on to `typer.Argument`."""
+    """Returns the type and the declaration of a positional argument; `more` is passed on to `typer.Argument`."""
     return kind, typer.Argument(default, metavar=metavar, help=help, **more)
 
 
 def option(kind: Any, default: Any, help: str, *names: str, **more: Any) -> tuple[Any, Any]:
-    """Declares an option, named after its function argument if no names are given; `more` is passed on to `typer.Option`."""
+    """Returns type and declaration of an option; `more` goes to `typer.Option`. The default name is that of its argument."""
     return kind, typer.Option(default, *names, help=help, **more)
 
 
 def flag(help: str, *names: str) -> tuple[Any, Any]:
-    """Declares an option that switches something on."""
+    """Returns the type and the declaration of an option that switches something on."""
     return option(bool, False, help, *names)
 
 
@@ -76,11 +76,11 @@ def command(names: str, own: Options | None = None) -> Callable[[Callable[..., N
     """Returns a decorator that makes a function a command with the named options.
 
     The function gets the command's terminal, and the value of each option by its name. It does not get `jobs`, `cluster`,
-    `as_json` and `quiet`, which are in the terminal, and `verbose`. The topics of a bag are put into the settings, unless
-    the command declares `topic` or `config` itself.
+    `as_json` and `quiet`, which the terminal holds, nor `verbose`. The values of `changes` (--set) and `topic` are put into
+    the settings `config`. The function gets `topic` itself only if the command declares `topic` or `config` of its own.
 
     Args:
-        names: names of the options, in the order of the help.
+        names: names of the options, separated by spaces, in the order of the help.
         own: declarations of options that only this command has.
     """
     declared = {**OPTIONS, **(own or {})}
@@ -108,7 +108,7 @@ def command(names: str, own: Options | None = None) -> Callable[[Callable[..., N
 
 
 def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
-    """Returns the exit code of a verdict under --fail-on; a map that could not be judged has a code of its own."""
+    """Returns the exit code under --fail-on: 1 for a verdict as bad as `fail_on` or worse, 3 for `not judged`, else 0."""
     from mqslam.auditing.verdict import VerdictStatus
 
     if status is VerdictStatus.NOT_JUDGED:
@@ -117,10 +117,10 @@ def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) ->
 
 
 def _check_fail_on(word: str | None) -> str | None:
-    """Returns the word that is given with --fail-on.
+    """Returns the value of --fail-on unchanged; None without the option.
 
     Raises:
-        ConfigError: there is no such word.
+        ConfigError: the value is neither warn nor fail.
     """
     if word is not None and word not in _FAIL_ON:
         from mqslam.errors import ConfigError
@@ -131,14 +131,17 @@ def _check_fail_on(word: str | None) -> str | None:
 
 
 def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict[str, dict[str, Any]]:
-    """Returns settings with changes, or only the changes if the command itself chooses the settings that they apply to.
+    """Returns settings with the changes that --set makes.
 
     Args:
-        config: path or name of the settings; None if the command chooses them.
+        config: path or name of the settings; None if the command itself chooses the settings.
         changes: texts SECTION.NAME=VALUE, with the values as in YAML.
 
+    Returns:
+        All settings; if `config` is None, only the changes, as {section: {name: value}}.
+
     Raises:
-        ConfigError: a text has another form or the same name as another, or a setting is unknown or out of range.
+        ConfigError: a text has another form, a setting is changed twice, is unknown or is out of range.
     """
     import yaml
 
@@ -161,11 +164,11 @@ def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict
 
 
 def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
-    """Returns settings that name the topics of a bag.
+    """Returns settings with the topics of a bag that --topic names.
 
     Args:
-        config: the settings, their name, or changes of the defaults.
-        topics: texts TOPIC for the radar's topic, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names no topic.
+        config: the settings, their path or name, or the settings that differ from the defaults.
+        topics: texts radar=TOPIC, odometry=TOPIC or truth=TOPIC; TOPIC alone is the radar's. None names no topic.
 
     Raises:
         ConfigError: a topic is given for an unknown name, is empty, or is given twice; or the settings are wrong.
@@ -188,7 +191,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Returns a function that completes names for the shell; it imports the module that lists the names when called."""
+    """Returns a function that completes names for the shell; it imports `module`, in which `find` lists the names."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in find(import_module(module)) if name.startswith(incomplete)]
@@ -200,7 +203,7 @@ complete_config = _complete("mqslam.config", lambda module: module.list_shipped(
 
 
 class _Shown(logging.Formatter):
-    """A formatter of log lines that escapes control characters, so that text from a file cannot command the terminal."""
+    """A formatter of log lines that escapes control characters, since text from a file must not control the terminal."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Returns the lines of a record, with control characters escaped."""
@@ -208,7 +211,7 @@ class _Shown(logging.Formatter):
 
 
 def _set_verbosity(verbose: bool) -> bool:
-    """Shows the package's log lines on stderr if `verbose`, else only warnings; returns `verbose`, as typer expects."""
+    """Shows the log lines of mqslam on stderr if `verbose`, else only warnings; returns `verbose`, as typer expects."""
     log = logging.getLogger("mqslam")
     for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
         log.removeHandler(handler)

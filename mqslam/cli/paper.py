@@ -1,4 +1,4 @@
-"""`mqslam paper`: reproduces the paper's table and figures."""
+"""`mqslam paper`: reproduces the table and the figures of Chandran and Newman, IROS 2006, whose score psi is."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ _FIGURES: Options = {
 @paper.callback(invoke_without_command=True)
 @command("context seeds revolutions jobs as_json quiet verbose", {"context": (typer.Context, Parameter.empty), **_TABLE})
 def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions: int) -> None:
-    """Reproduce the paper's table I and the scores of its figure 2; the command `figures` draws its figures.
+    """Reproduce table I and the scores of figure 2 of the paper; the command `figures` draws figures 2 and 3.
 
-    The table lists three constant motions, each with the paper's own result, with the result of an exhaustive search of the
-    published score (the paper's method), and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5
+    The paper is "Motion Estimation from Map Quality with Millimeter Wave Radar" (Chandran and Newman, IROS 2006). The table
+    lists three constant motions, each with the paper's own result, with the results of an exhaustive search (the paper's
+    method) under the published score, and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5
     degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between buildings. The search tries v from -0.5 to 1.5
     m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and then goes on around the best pair in steps of
-    0.01 and 0.002. "As printed" is equations (4), (8), (9) and (10) with the Gaussian in time; "charged" has our defaults,
-    which are a plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's listing, whose cost differs
-    from equation (10).
+    0.01 m/s and 0.002 rad/s. "As printed" is the score of equations (4), (8), (9) and (10) with the Gaussian in time;
+    "charged" has our defaults, which are a plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's
+    listing, whose cost differs from equation (10).
 
     Example: mqslam paper --seeds 1
     """
@@ -43,7 +44,7 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
 @paper.command(cls=Command)
 @command("seeds revolutions jobs as_json quiet verbose", _TABLE)
 def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
-    """Print the same as `mqslam paper` without a command.
+    """Print the table and the scores that `mqslam paper` prints.
 
     Example: mqslam paper table1 --seeds 1
     """
@@ -51,7 +52,7 @@ def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
 
 
 def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
-    """Prints table I and the scores of figure 2, with notes on how far they can be compared with the paper's."""
+    """Prints table I, the scores of figure 2, and notes on how far these numbers can be compared with those in the paper."""
     from mqslam.psi.published import paper as published
 
     with terminal.show_progress() as show:
@@ -69,7 +70,10 @@ def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
 @paper.command(cls=Command)
 @command("out seed force as_json quiet verbose", _FIGURES)
 def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
-    """Reproduce figures 2 and 3: a window under a bad, a better and a good motion, and the three cases before and after.
+    """Draw the paper's figures 2 and 3 from simulated drives.
+
+    Figure 2 shows the map of a window under a bad, a better and a good motion. Figure 3 shows the maps of the three motions
+    of table I before and after motion compensation.
 
     Example: mqslam paper figures --out figures
     """

@@ -1,4 +1,4 @@
-"""Replaces the remedies in errors and notes by the words of the command line: which option to give."""
+"""Replaces the remedies in errors and notes, which are in plain words, by sentences that name the options to give."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=le
 
 
 def name_options(text: str, command: str = "") -> str:
-    """Replaces each remedy in an error or a note by the words of the command line.
+    """Returns a text in which each `Remedy` is replaced by words that name the option to give.
 
     Args:
-        text: text of the error or the note.
-        command: name of the command that it comes from.
+        text: text of an error or a note.
+        command: name of the command that the text comes from. For `convert` and `simulate` the output is named OUT.
     """
     output = "OUT" if command in _OUT_IS_ARGUMENT else "--out"
     return _ANY.sub(lambda remedy: _WORDS[remedy[0]].replace("--out", output), text)

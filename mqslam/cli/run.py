@@ -1,4 +1,4 @@
-"""`mqslam run`: takes a recording to its optimised map, with a report."""
+"""`mqslam run`: estimates the trajectory and the map of a recording, and writes a report."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(
     """Estimate the trajectory and the map of a recording, and report how good the map is.
 
     A front end measures the motion between successive scans, a pose graph joins these measurements with loop closures and
-    odometry, and the optimised trajectory renders the map.
+    odometry, and the map is rendered along the optimised trajectory.
 
     Example: mqslam run drive --out result
     """
@@ -68,7 +68,7 @@ def run(
 
 
 def print_run(terminal: Terminal, result: RunResult) -> None:
-    """Prints the results of a run for people."""
+    """Prints the results of a run as text for people."""
     from rich.console import Console
 
     from mqslam.core.wording import list_sensor_notes
@@ -83,7 +83,11 @@ def print_run(terminal: Terminal, result: RunResult) -> None:
 
 @contextmanager
 def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
-    """Yields a function that shows each scan in the way that --live asks for, or None without --live.
+    """Yields a function that shows each scan of a run while the run goes on; None without --live.
+
+    Args:
+        live: the value of --live, which is `viewer` or the path of an .rrd file; None without the option.
+        force: whether an existing file is replaced.
 
     Raises:
         ConfigError: the value of --live is neither `viewer` nor an .rrd file.
@@ -106,7 +110,7 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
 
 
 def tabulate_summary(summary: dict[str, Any]) -> Table:
-    """Returns the table of the main results: psi, the verdict, and the errors if there is ground truth."""
+    """Returns psi, and the errors if there is ground truth, before and after the optimisation, with the verdict below."""
     from rich.table import Table
     from rich.text import Text
 
@@ -151,12 +155,12 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
 
 
 def describe_pace(driven_s: float, computed_s: float) -> str:
-    """Describes the speed of a run as a multiple of real time, or as the time of computing per second of driving."""
+    """Describes a run as a multiple of real time, or, if it is slower, by seconds of computing per second of driving."""
     if computed_s > driven_s:
         return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
     return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"
 
 
 def _format(value: float | None, form: str) -> str:
-    """Returns a number as a table shows it, or a dash where there is none."""
+    """Returns a number in the format `form`, or a dash for None."""
     return "-" if value is None else form.format(value)

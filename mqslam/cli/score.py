@@ -1,4 +1,4 @@
-"""`mqslam score`: scores a window of a recording under a given motion, and shows psi and the parts of psi."""
+"""`mqslam score`: computes psi of a window of a recording under a given motion, and the parts of psi."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ _OWN: Options = {
     _OWN,
 )
 def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
-    """Score a window of a recording under a motion: the published psi with its parts, and the estimator's psi.
+    """Compute psi of a window (several consecutive scans) under a motion.
 
-    Ranges are corrected for the Doppler shift if the settings state it, as --config oxford does.
+    The result holds the published psi with its parts, and the psi that the estimator minimises. Ranges are corrected for the
+    Doppler shift if the settings state it, as --config oxford does.
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
@@ -56,7 +57,7 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
 
 
 def parse_motion(text: str) -> se2.Array:
-    """Returns the parameters of a motion written `v,omega` or `vx,vy,omega` [m/s, rad/s].
+    """Returns the motion (2,) or (3,) from a text `v,omega` or `vx,vy,omega` [m/s, rad/s].
 
     Raises:
         ConfigError: the text has another form.
@@ -77,7 +78,7 @@ def parse_motion(text: str) -> se2.Array:
 
 
 def _format_results(scores: dict[str, Any]) -> str:
-    """Returns the scores as lines for people."""
+    """Returns the scores of a window as text, given what `score_window` returned."""
     window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
     rows = [
         (
@@ -115,11 +116,11 @@ def _format_results(scores: dict[str, Any]) -> str:
 
 
 def _format_motion(motion: dict[str, float], deviations: dict[str, float] | None = None) -> str:
-    """Returns the components of a motion with their units, and with standard deviations if given."""
+    """Returns the components of a motion with their units as text, and with their standard deviations if these are given."""
     spread = {name: f" +- {value:.2g}" for name, value in (deviations or {}).items()}
     return ", ".join(f"{name} {value:.5g}{spread.get(name, '')} {_UNITS[name]}" for name, value in motion.items())
 
 
 def _format_gradient(gradient: dict[str, float]) -> str:
-    """Returns the components of a gradient with their units."""
+    """Returns the components of a gradient of psi with their units as text."""
     return ", ".join(f"{value:.5g} per {_UNITS[name]} of {name}" for name, value in gradient.items())

@@ -30,7 +30,7 @@ _PRINT: dict[str, Any] = {
 
 @command("out as_json quiet verbose", _OWN)
 def show(terminal: Terminal, *, out: Path) -> None:
-    """Show the results in a folder in the same way as the command that wrote them.
+    """Show the results in a folder in the same form as the command that wrote them.
 
     Example: mqslam show result
     """

@@ -64,7 +64,9 @@ _OWN: Options = {
 
 @command(f"{' '.join(_OWN)} jobs quiet verbose", _OWN)
 def simulate(terminal: Terminal, *, out: Path, scene: str, movers: int | None, **given: Any) -> None:
-    """Simulate a drive through a scene, azimuth by azimuth, with ground truth, wheels that slip, a gyroscope and GNSS.
+    """Simulate a drive of a spinning radar through a scene, and write it as a recording in the Oxford layout.
+
+    The recording also holds ground truth, odometry of wheels that slip, a gyroscope and GNSS.
 
     Example: mqslam simulate drive --scene city --duration 60 --seed 1
     """

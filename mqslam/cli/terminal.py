@@ -1,4 +1,4 @@
-"""Prints results, notes, warnings and progress of a command, so that text from files cannot command the terminal."""
+"""Prints results, notes, warnings and progress; control characters are escaped, so that no file can control the terminal."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ _STAGES = {  # the title of each stage, and the unit that the stage counts
     "table1": ("making table 1", "trial"),
 }
 _LINE_EVERY_S = 10.0
-_LEAST_TIMED_S = 0.5  # before this, a rate would be wrong: a stage may report only at its end
+_LEAST_TIMED_S = 0.5  # a stage that has taken less time shows no rate, since the rate would be inaccurate
 
 
 class Terminal:
-    """The terminal of a command, and where its work is done.
+    """Prints what a command has to say, and opens the engine that does the command's work.
 
     Args:
         quiet: whether only errors are printed.
         as_json: whether the results are printed as JSON, without progress.
         jobs: number of processes to use on this machine.
-        cluster: address of a cluster to work on instead, or None.
+        cluster: address of a Dask cluster that does the work; None works on this machine.
     """
 
     def __init__(self, *, quiet: bool = False, as_json: bool = False, jobs: int = 1, cluster: str | None = None) -> None:
@@ -74,10 +74,10 @@ class Terminal:
 
     @contextmanager
     def open_work(self, watch: Watch | None = None) -> Iterator[Work]:
-        """Yields the `Work` of the command: where the work is done, with reports on this terminal.
+        """Yields the `Work` of the command, with an engine on this machine or the cluster, and reports on this terminal.
 
         Args:
-            watch: called with every scan once its motion is measured.
+            watch: called with every scan once its motion is measured; None is not called.
 
         Raises:
             ClusterError: the cluster cannot be used.
@@ -89,25 +89,25 @@ class Terminal:
             yield Work(engine, shown, tell, watch, name_options)
 
     def show_progress(self) -> AbstractContextManager[Progress]:
-        """Yields a callable (stage, done, total) that shows how far a stage has come."""
+        """Returns a context for `show_progress` on stderr, which shows nothing if the command is quiet or prints JSON."""
         return show_progress(self.console, self.quiet or self.as_json)
 
     def print(self, line: str, style: str | None = None) -> None:
-        """Prints a line on stderr, unwrapped, so that programs can read it too."""
+        """Prints a line on stderr, in a style of rich if one is given, and unwrapped, so that programs can read it too."""
         self.console.print(line, style=style, highlight=False, soft_wrap=True)
 
     def print_notes(self, notes: Iterable[str]) -> None:
-        """Prints notes for the user, one line each, with remedies in the words of the command line."""
+        """Prints notes for the user on stderr, one line each, with remedies that name the options to give."""
         for note in notes:
             self.print(f"note: {show(name_options(note))}")
 
     def print_warnings(self, warnings: Iterable[str]) -> None:
-        """Prints warnings that a user should read before the numbers, one line each, in yellow."""
+        """Prints warnings on stderr in yellow, one line each, which the user should read before the results."""
         for warning in warnings:
             self.print(f"warning: {show(name_options(warning))}", style="yellow")
 
     def print_results(self, results: Any, print_for_people: Callable[[], None]) -> None:
-        """Prints results as JSON if the user asked for it, else in the form for people, unless the command is quiet."""
+        """Prints results as JSON if --json is given; else calls `print_for_people`, unless the command is quiet."""
         if self.as_json:
             from mqslam.execution.files import to_json
 
@@ -117,14 +117,14 @@ class Terminal:
 
 
 def echo(text: str, *, end: str = "\n") -> None:
-    """Prints lines on stdout, with control characters escaped."""
+    """Prints lines and `end` on stdout, with control characters escaped."""
     typer.echo(show_lines(text) + end, nl=False)
 
 
 def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
-    """Returns (name, value) rows as lines, with the values in one column.
+    """Returns rows (name, value) as lines of text, with names padded to `width` characters and the values in one column.
 
-    A name that is the same as the name above is not repeated. On a terminal, lines are wrapped at words.
+    A name that is the same as the name above is not repeated. On a terminal, values are wrapped at words.
     """
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     lines, above = [], ""
@@ -137,7 +137,7 @@ def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns a verdict as (name, text) rows: its status, its reasons, and what could not be judged.
+    """Returns a verdict as rows (name, text): its status and diagnosis, its reasons, and what could not be judged.
 
     Args:
         summary: content of audit.json or summary.json.
@@ -153,7 +153,7 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 @contextmanager
 def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
-    """Yields a callable (stage, done, total) that shows how far a stage has come; if `quiet`, the callable does nothing."""
+    """Yields a function (stage, steps done, steps in all) that shows the progress of a stage, or nothing if `quiet`."""
     if quiet:
         yield ignore_progress
         return
@@ -163,7 +163,7 @@ def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
 
 @contextmanager
 def _bars(console: Console) -> Iterator[Progress]:
-    """Yields a callable that draws a bar per stage, with its rate and the time that is left."""
+    """Yields a function (stage, steps done, steps in all) that draws a bar per stage, with its rate and the time left."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
@@ -174,7 +174,7 @@ def _bars(console: Console) -> Iterator[Progress]:
 
 @contextmanager
 def _lines(console: Console) -> Iterator[Progress]:
-    """Yields a callable that prints a line of progress every ten seconds, and when a stage is done."""
+    """Yields a function (stage, steps done, steps in all) that prints a line every ten seconds and when a stage is done."""
     from rich.progress import Progress as Bars
 
     stages = _Stages(Bars(console=console, auto_refresh=False))  # never started: it measures the rates and draws nothing
@@ -195,7 +195,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
 
 class _Stages:
-    """The tasks of rich's progress, one per stage. A stage that runs in rounds is counted and timed again in each round.
+    """Keeps a task of rich's progress for each stage. A stage that runs in rounds is counted and timed again in each round.
 
     Args:
         bars: rich's progress.
@@ -207,7 +207,7 @@ class _Stages:
         self._rounds: dict[str, int] = {}
 
     def update(self, stage: str, done: int, total: int) -> Task:
-        """Sets how far a stage has come, and returns its task with the rate measured so far."""
+        """Sets how many steps of a stage are done, and returns the task of the stage with the rate so far."""
         title, noun = _STAGES.get(stage, (stage, "item"))
         if stage not in self._tasks:
             number = self._bars.add_task(title, total=total, rate="")
@@ -225,7 +225,7 @@ class _Stages:
 
 
 def _describe_rate(speed: float | None, noun: str) -> str:
-    """Returns a rate in words, such as `17 scans per s` or `2.3 s per place`; "" while the rate is not known."""
+    """Returns a speed [steps/s] in words, such as `17 scans per s` or `2.3 s per place`; "" if it is None or zero."""
     if not speed:
         return ""
     return f"{speed:.0f} {noun}s per s" if speed >= 2.0 else f"{1.0 / speed:.1f} s per {noun}"
