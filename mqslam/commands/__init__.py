@@ -1,1 +1,1 @@
-"""The commands as Python functions; nothing here prints or parses arguments."""
+"""Offers the commands as Python functions, which print nothing and parse no arguments."""

@@ -1,4 +1,4 @@
-"""The audit: judges the map that a recording makes under a trajectory, or a finished map."""
+"""Judges the map that a recording makes under a trajectory, or a finished cloud, without ground truth."""
 
 from __future__ import annotations
 
@@ -91,31 +91,31 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     Args:
         data: a radar or lidar recording, or a cloud of points with times.
         out: folder for the results; it must not exist yet.
-        trajectory: poses of the sensor, or the path of a file or of another SLAM's result, or the name of a trajectory that
-            the recording carries: `recording`, `odometry` or `ground_truth`.
+        trajectory: poses of the sensor, or the path of a file or of another SLAM system's result, or the name of a
+            trajectory that the recording carries: `recording`, `odometry` or `ground_truth`.
         times: file with the stamps of a KITTI trajectory, one per line.
-        topic: topic of the trajectory in a bag.
-        frame: frame whose pose is read from the transforms of a bag.
-        time_offset_s: time that is added to the stamps of the trajectory [s], if its clock is not that of the data.
+        topic: topic of the trajectory in a bag; None takes the only topic that holds poses.
+        frame: frame whose pose is read from the transforms of a bag; None takes base_link, or the only frame that moves.
+        time_offset_s: time that is added to the stamps of the trajectory [s], if its clock differs from the data's.
         extrinsics: pose of the sensor in the frame whose trajectory is given, such as a vehicle's base: x [m] forward, y [m]
             to the left and yaw [degrees] to the left, or the three as a text X,Y,YAW; None if the trajectory is the
             sensor's own.
-        heights: lowest and highest height of the points of a cloud that are used [m]; None takes all.
+        heights: (lowest, highest) height of the points of a cloud that are used [m]; None takes all points.
         covariances: file with covariances of the trajectory's poses, by which revisits are tested: a run's covariances.csv,
             TUM with a covariance in each line, or a bag; None takes those in the trajectory's own file, or the file beside
             a run's own trajectory.tum.
-        false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
+        false_alarms: probability that an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
-        test: Python file with a test of your own, which judges the map, too; None adds no test.
+        test: Python file with a test of your own, which then also judges the map; None adds no test.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
-        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
-        mend: whether to mend the trajectory by the findings, write it as mended.tum with the stamps and in the frame of the
-            given trajectory, and audit it too; the verdict is still on the given trajectory.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
+        mend: whether to correct the trajectory by the findings, write the corrected trajectory as mended.tum, with the
+            stamps and in the frame of the given one, and audit it too; the verdict is still on the given trajectory.
         baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
@@ -210,10 +210,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
 
 
 def _read_baseline(folder: Path) -> dict[str, Any]:
-    """Reads the numbers of an earlier audit.
+    """Reads the content of audit.json of an earlier audit.
 
     Raises:
-        DataError: the folder holds no result of an audit.
+        DataError: the folder holds no result of an audit, or its findings are damaged.
     """
     result = read_result(folder)
     if not isinstance(result, AuditResult) or not {"verdict", "tests"} <= result.summary.keys():
@@ -224,9 +224,10 @@ def _read_baseline(folder: Path) -> dict[str, Any]:
 
 
 def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work, *, is_stated: bool) -> dict[str, Any] | None:
-    """Compares the covariances that a trajectory states with its revisits, and adds the outcome to the notes.
+    """Compares the covariances that a trajectory states with its errors at revisits, and adds the outcome to `notes`.
 
-    Returns None if the trajectory states no covariances, or if no revisit shows how right they are.
+    Returns:
+        The outcome as JSON values; None if the trajectory states no covariances, or if no revisit shows how right they are.
     """
     honesty = judge_honesty(judged.revisits)
     if honesty is None:
@@ -256,13 +257,13 @@ class _Subject:
     """The recording or cloud that is audited, under a trajectory.
 
     Args:
-        sweeps: points of the recording or cloud under the trajectory.
+        sweeps: the points as the trajectory places them, divided into sweeps; a sweep of a recording is a scan.
         track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
         settings: all settings, with the Doppler shift that was used.
         format: name of the layout of the recording or cloud.
         notes: what a user should know about how the recording or cloud was read.
-        place: function that returns the points under another trajectory with the same stamps.
-        warnings: faults of the recording.
+        place: returns the points as another trajectory with the same stamps places them.
+        warnings: faults of the recording, in sentences.
         source: the recording; None for a cloud.
     """
 
@@ -276,19 +277,19 @@ class _Subject:
     source: Source | None = None
 
     def place_poses(self, poses: se2.Array) -> Sweeps:
-        """Returns the points under other poses (M, 3) of the trajectory, which must not be None."""
+        """Returns the points as poses (M, 3) [m, m, rad] at the stamps of `track` place them; needs a `track`."""
         assert self.track is not None
         return self.place(Trajectory(self.track.stamps_us, poses))
 
     def check_turns(self, shown: Sweeps) -> GyroscopeCheck | None:
-        """Compares the recording's gyroscope with the trajectory of the shown points; returns None if either is missing."""
+        """Compares the recording's gyroscope with the trajectory that placed `shown`; returns None if either is missing."""
         trajectory = self._find_shown(shown)
         if self.source is None or self.source.gyroscope is None or trajectory is None:
             return None
         return check_gyroscope(self.source.gyroscope, self.source.scans, trajectory)
 
     def check_odometry(self, shown: Sweeps) -> list[Finding]:
-        """Returns findings on how the recording's odometry compares with the trajectory of the shown points.
+        """Returns findings on how the recording's odometry compares with the trajectory that placed `shown`.
 
         The list is empty if there is no odometry, if the odometry itself is audited, or if the points have no trajectory.
         """
@@ -298,7 +299,7 @@ class _Subject:
         return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
 
     def _find_shown(self, shown: Sweeps) -> Trajectory | None:
-        """Returns the trajectory of the shown points; None if they have no trajectory."""
+        """Returns the trajectory that placed the points `shown`; None if they have no trajectory."""
         if self.track is None or shown.track is None:
             return None
         return Trajectory(self.track.stamps_us, shown.track.poses)
@@ -317,12 +318,12 @@ def _judge_sweeps(
 
     Args:
         subject: what is audited.
-        shown: points of the subject under the trajectory that is judged.
+        shown: the subject's points as the trajectory that is judged places them.
         settings: all settings, with the limits of the verdict.
         work: where the work is done, and what reports on it.
         turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
         stated: covariances that the trajectory itself states; None if it states no covariances.
-        own: tests of the user's own.
+        own: tests that the user has added.
     """
     sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
     known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors, own)
@@ -331,7 +332,14 @@ def _judge_sweeps(
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
-    """Makes the subject of an audit from a cloud; if a trajectory is given, the cloud is divided into sweeps by it."""
+    """Makes the subject of an audit from a cloud, which is divided into sweeps.
+
+    Args:
+        data: the cloud's file.
+        cloud: the points.
+        given: the trajectory that the cloud was made with; None if it is unknown.
+        config: settings as `load_config` takes them.
+    """
     settings = load_config(config)
     settings = settings if cloud.is_of_radar else fit_to_rooms(settings)
     beam = beam_of(settings.estimator, 0.0)
@@ -346,7 +354,7 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
 def _place_recording(
     work: Work, source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()
 ) -> _Subject:
-    """Makes the subject of an audit from a recording and a trajectory."""
+    """Makes the subject of an audit from a recording, its faults, and the trajectory that places its returns."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
     notes, warnings = [*source.notes, *placing], list(faults)
@@ -358,7 +366,7 @@ def _place_recording(
 
 
 def _describe_mount(mount: se2.Array) -> str:
-    """Describes the pose of a sensor on a vehicle in words."""
+    """Describes the pose (3,) of a sensor on a vehicle [m, m, rad] in words."""
     x, y, yaw = mount
     ahead = f"{abs(x):g} m {'behind' if x < 0.0 else 'ahead'}"
     aside = f"{abs(y):g} m to the {left_or_right(y)}"
@@ -375,11 +383,12 @@ def _read_given(
 ) -> tuple[Trajectory | None, list[str]]:
     """Returns the sensor's trajectory as it is given or read from a file, with notes for the user on how the file was read.
 
-    The trajectory is None if `trajectory` names one that the recording carries.
+    The trajectory is None if `trajectory` names one that the recording carries. The other arguments are those of `audit`,
+    but `mount` holds its extrinsics as a pose (3,) [m, m, rad].
 
     Raises:
         ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, or the
-            offset is beyond any clock.
+            offset is too large for one in seconds.
         DataError: the file is not a trajectory.
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
@@ -400,7 +409,7 @@ def _read_given(
 
 
 def _convert_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:
-    """Converts a trajectory of the sensor to the clock and the frame of the trajectory that the user gave."""
+    """Converts the sensor's trajectory to the clock and the frame of the user's trajectory: the inverse of `_read_given`."""
     poses = trajectory.poses if mount is None else se2.compose(trajectory.poses, se2.inverse(mount))
     return Trajectory(trajectory.stamps_us - round(1e6 * time_offset_s), poses)
 
@@ -431,12 +440,12 @@ def detect_radar(
     Args:
         recording: the recording.
         given: trajectory of the sensor; None takes a trajectory that the recording carries.
-        name: name of the trajectory that the recording carries.
+        name: name of this trajectory in the recording.
         settings: all settings.
         work: where the returns are detected, and what reports on it.
 
     Returns:
-        The recording with its scans, the trajectory, the settings with the Doppler shift, and the recording's faults.
+        The recording with its scans, the trajectory, the settings with the Doppler shift, and the faults of the recording.
 
     Raises:
         MqslamError: a scan cannot be read, the recording carries no trajectory of that name, or the trajectory covers fewer

@@ -1,4 +1,4 @@
-"""The batch: runs many recordings and writes one report on all of them."""
+"""Runs many recordings and writes one report on all of them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _AGAIN = "the same command continues the batch"
 
 
 class PlannedRun(Section):
-    """One entry of RUNS.yaml; its paths are relative to that file."""
+    """One entry of RUNS.yaml; its paths are relative to the folder of RUNS.yaml."""
 
     data: Path = Field(description="the recording")
     name: str | None = Field(
@@ -60,7 +60,7 @@ class Plan(Section):
 
 
 def read_plan(path: Path) -> tuple[list[Order], str]:
-    """Reads the runs that a file lists; returns them with the text of the file.
+    """Returns the runs that RUNS.yaml lists, and the text of RUNS.yaml.
 
     Raises:
         ConfigError: the file cannot be read, holds a mistake, or gives two runs the same name.
@@ -84,8 +84,8 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:
     """Returns a name for each entry of RUNS.yaml: the given one, or the recording's own name.
 
-    Recordings of the same name in different folders are named after as many folders above them as it takes to tell them
-    apart, such as `monday-drive` and `friday-drive`.
+    If recordings in different folders have the same name, the names of folders above them are put before it, as many as are
+    needed to tell the recordings apart, such as `monday-drive` and `friday-drive`.
     """
     paths = [(folder / run.data).parts[1:] for run in runs]
     names = []
@@ -97,7 +97,7 @@ def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:
 
 
 def _count_shared(path: Sequence[str], other: Sequence[str]) -> int:
-    """Returns how many of their last parts two paths share."""
+    """Returns the number of parts in which the ends of two paths agree."""
     pairs = zip(reversed(path), reversed(other), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
@@ -107,7 +107,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
 
     Args:
         run: the entry.
-        name: its name.
+        name: name of the run.
         folder: folder of RUNS.yaml, to which the paths of the entry are relative.
         taken: names of the other runs.
 
@@ -134,7 +134,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
 
 
 def _nest(changes: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Returns settings that are named SECTION.NAME as a tree.
+    """Converts settings by their names SECTION.NAME to a dict of sections, each a dict of settings by NAME.
 
     Raises:
         ConfigError: a name has another form.
@@ -217,7 +217,7 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
 
 
 def run_one(terms: Terms, order: Order) -> RunOutcome:
-    """Makes a run in this process and returns its outcome, with the error message if it fails."""
+    """Makes a run in this process and returns its outcome, which holds the error message if the run fails."""
     out = terms.out / order.name
     try:
         kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it
@@ -234,7 +234,7 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
 
 
 def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
-    """Returns the outcome of the same run if an earlier batch has finished it, else None."""
+    """Returns the outcome of a run if an earlier batch has finished it with the same inputs and settings, else None."""
     path = terms.out / order.name / "summary.json"
     if terms.force or not path.exists():
         return None
@@ -246,7 +246,7 @@ def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
 
 
 def _open_order(order: Order) -> Job:
-    """Opens the recording of a run with its odometry and sensors, and returns the run, ready to begin.
+    """Opens the recording, the odometry and the sensors of a run, and returns the run, ready to begin.
 
     Raises:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.

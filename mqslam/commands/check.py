@@ -1,4 +1,4 @@
-"""The check: tests whether a recording contradicts the assumptions by which it is read."""
+"""Checks whether a recording contradicts the assumptions by which it is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The comparison: runs several front ends on the same returns with the same back end."""
+"""Runs several front ends on the same returns with the same back end, and judges their maps."""
 
 from __future__ import annotations
 
@@ -56,28 +56,28 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     force: bool = False,
     work: Work = QUIET,
 ) -> CompareResult:
-    """Runs several front ends on the same returns with the same back end, and judges the maps they make.
+    """Runs several front ends on the same returns with the same back end, and judges the maps that result.
 
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
         frontends: names of front ends, each once, as a list or as a text separated by commas; `+gyro` after a name adds the
             gyroscope to the pose graph of that front end.
-        trajectories: trajectories to compare with, by the name of their row; each is given as poses, as the path of a file,
-            or as the paths of a KITTI trajectory's poses and times.
+        trajectories: trajectories to compare with, by the names of their rows; each is a `Trajectory`, the path of a file,
+            or the two paths of a KITTI trajectory's poses and times.
         odometry_only: whether the front ends' motions are only chained, without pose graph and loops.
-        kiss_config: YAML file with KISS-ICP's own settings.
-        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file. Only row `odometry` uses it.
-            With a lidar's recording all rows use it as a run does: it says where to look for a scan, and is in the graph.
-        imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only rows `...+gyro` use it.
+        kiss_config: YAML file with KISS-ICP's own settings; None takes those of `config`.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file. With a radar's recording, only
+            the front end `odometry` uses it; with a lidar's recording, every front end and pose graph does, as in a run.
+        imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only front ends with `+gyro` use it.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
-        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
-        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
@@ -112,11 +112,11 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         recording = replace(recording, notes=(*recording.notes, *understood, *chosen.notes))
         for note in recording.notes:
             work.tell(note)
-        if kiss_config is not None and _KISS in frontends:  # a refused file stops the comparison, not only this row
+        if kiss_config is not None and _KISS in frontends:  # a wrong file stops the comparison here, not only its row later
             known_frontends.create(_KISS, Context.of(recording, settings))
         is_lidar = isinstance(recording, LidarRecording)
         known = recording.scans if isinstance(recording, LidarRecording) else make_scans(recording)
-        take_common_scans(given, known)  # raises, before scans are read, if rows share too few
+        take_common_scans(given, known)  # raises, before scans are read, if the rows share too few scans
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
@@ -162,10 +162,10 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
 
 
 def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Reading[Sensors]:
-    """Returns the gyroscope for the rows that use one, or no sensors if no row does.
+    """Returns the gyroscope for the front ends with `+gyro`; no sensors if there is no such front end.
 
     Raises:
-        ConfigError: a row uses the gyroscope, but there is none, or it is switched off.
+        ConfigError: a front end needs the gyroscope, but there is none, or the gyroscope is switched off.
         DataError: the file cannot be read, or shares no time with the recording.
     """
     joined = [name for name in frontends if split_row(name)[1]]
@@ -204,7 +204,7 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
 def _make_given_rows(
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]], frontends: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
-    """Returns the rows of trajectories that other programs made, with notes for the user on how their files were read.
+    """Returns a row for each given trajectory, and notes for the user on how the trajectories' files were read.
 
     Raises:
         ConfigError: a name cannot be the name of a folder, or is already the name of a front end's row.

@@ -1,4 +1,4 @@
-"""The conversion: writes a recording in another layout, results of a run as a bag or TUM, or keyframes as a point cloud."""
+"""Writes a recording in another layout, results of a run as a bag or as TUM, or keyframes as a point cloud."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
 
     Args:
         data: the recording, the folder of a run, or a folder of keyframes.
-        out: the file or folder to write; the suffix `.ply` makes a point cloud, and `.tum` a run's trajectory.
+        out: the file or folder to write; the suffix `.ply` makes a point cloud of keyframes, and `.tum` a run's trajectory.
         to: layout of the output; None guesses it from the suffix.
-        message: `image` or `b_scan`: messages of a bag that hold the polar scans.
+        message: type of the messages that hold the polar scans in a bag, `image` or `b_scan`.
         config: settings for reading the recording, as for `run`.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
@@ -50,7 +50,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         progress: called with the stage "converting", the number of polar scans written, and the number of all polar scans.
 
     Returns:
-        Notes for the user on how the recording was read, and what the new layout does not hold.
+        Notes for the user on how the recording was read, and on what the new layout cannot hold.
 
     Raises:
         ConfigError: the layout is unknown, or the data cannot be written in it.
@@ -82,7 +82,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
 
 
 def _write_keyframes(out: Path, folder: Path, *, force: bool) -> None:
-    """Writes the points of keyframes, in the frame of their map, to a PLY file like the map of a run; psi is NaN.
+    """Writes the points of keyframes, in the frame of their map, to a PLY file as a run's map.ply; psi is NaN.
 
     Raises:
         DataError: the folder holds no keyframes, or they are damaged.

@@ -19,11 +19,11 @@ from mqslam.results.files import read_origin
 
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
-_OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # settings that choose the returns or the score
+_OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # sections that change the returns or psi
 _NOT_OF_RETURNS: Final = frozenset({"sensor.doppler_beta", "sensor.odometry_topic", "sensor.truth_topic"})
 _LENGTH_OF_BINS: Final = "range_resolution"  # the only option that changes the returns and is no setting
 _SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s")  # entries of `dataset`
-_PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # entries of a summary in which psi stands
+_PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # names of entries of a summary that hold psi
 
 Given = Mapping[str, Any]
 
@@ -36,15 +36,15 @@ def diff_results(
     Args:
         first: folder of a result.
         second: folder of another result.
-        parse_options: returns the options in the command that made a result, by their names; None if it is no command.
+        parse_options: returns the options, by name, in the command line that made a result; None if the line is no command.
 
     Returns:
-        `options`, `settings` and `figures` hold the names whose values differ, each with both values as [first, second].
-        An option that was not given is None. `options` is None where those of a result are not known. `psi_not_compared`
-        says why `figures` leaves psi out, if the maps are of different returns; else it is None.
-        `trajectories` holds the largest distance [m] and the largest rotation [rad] between the two trajectories, and when
-        each occurs [s since the first pose]: without alignment (`as_they_are`) and after the best rigid alignment
-        (`aligned`). It is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
+        `options`, `settings` and `figures` hold the names whose values differ, each with [first value, second value]; a
+        value that a result lacks is None. `options` is None if the options of a result are unknown. `psi_not_compared` says
+        why `figures` leaves psi out; it is None if psi compares. `trajectories` holds the number of shared `stamps`, the
+        `length_m` of the first trajectory, and the differences `as_they_are` and `aligned` (after the best rigid alignment):
+        the largest and the RMS distance [m], the largest rotation [rad], and when both are largest [s since the first shared
+        stamp]. `trajectories` is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
 
     Raises:
         DataError: a folder holds no result, or the results are of different kinds.
@@ -71,14 +71,14 @@ def diff_results(
 
 
 def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
-    """Returns the names whose values differ, each with both values; a value that one of the two lacks is None."""
+    """Returns the names whose values differ, each with [first value, second value]; a missing value is None."""
     return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
 
 
 def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
-    """Returns the settings that differ, each with both values; the results may be of different versions.
+    """Returns the settings that differ, each with [first value, second value]; the versions of mqslam may differ, too.
 
-    There are none if a result has no settings of its own, as the result of a batch has none.
+    The dict is empty if a result has no config.yaml, such as the result of a batch.
     """
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):
@@ -87,7 +87,7 @@ def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
 
 
 def _find_other_returns(results: Sequence[Result], settings: Given, options: Given) -> str | None:
-    """Says why the psi of two results does not compare: their maps hold other returns, or are scored differently.
+    """Finds out why psi of two results does not compare: the maps hold other returns, or are scored by other settings.
 
     Args:
         results: both results.
@@ -106,7 +106,7 @@ def _find_other_returns(results: Sequence[Result], settings: Given, options: Giv
 
 
 def _describe_scans(result: Result) -> list[Any]:
-    """Returns what tells the scans of a result from other scans: sizes, and the stamps of a trajectory of its own."""
+    """Returns values that differ if results have different scans: sizes, merged recordings, and stamps of poses."""
     dataset = result.summary.get("dataset") or {}
     merged = [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()]
     track = result.folder / "trajectory.tum"
@@ -115,12 +115,12 @@ def _describe_scans(result: Result) -> list[Any]:
 
 
 def _is_psi(name: str) -> bool:
-    """Returns whether an entry of a summary is a psi or a share of matched returns, and no number of factors of psi."""
+    """Returns whether an entry of a summary depends on psi; `factors.psi`, which is the number of psi factors, does not."""
     return not _PSI.isdisjoint(name.split(".")) and not name.startswith("factors.")
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields the value of each leaf of a tree with its name, such as `detector.threshold`."""
+    """Yields the name and the value of each leaf of a tree; the name, such as `detector.threshold`, begins with `above`."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{above}{key}.")
@@ -129,14 +129,14 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 
 def _list_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yields name and value of each number and text of a summary, except those that differ between any two runs."""
+    """Yields the names and values of a summary, except lists and entries that differ whenever a command is repeated."""
     for name, value in _flatten(summary):
         if not isinstance(value, list) and _PASSING.isdisjoint(name.split(".")):
             yield name, value
 
 
 def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | None:
-    """Returns the distances between the trajectories of two results, or None where they cannot be compared."""
+    """Returns the entry `trajectories` of `diff_results`; None if the trajectories cannot be compared."""
     paths = [result.folder / "trajectory.tum" for result in (first, second)]
     if not all(path.is_file() for path in paths):
         return None
@@ -151,7 +151,7 @@ def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | Non
 
 
 def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, float]:
-    """Returns the largest distance and the largest rotation between the poses of two trajectories with the same stamps."""
+    """Returns the largest distance and rotation, and the RMS distance, between trajectories with the same stamps."""
     distances = np.hypot(*(second_track.poses - first_track.poses)[:, :2].T)
     turns = np.abs(se2.wrap(second_track.poses[:, 2] - first_track.poses[:, 2]))
     seconds = first_track.seconds(int(first_track.stamps_us[0]))

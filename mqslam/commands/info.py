@@ -1,4 +1,4 @@
-"""Describes a recording in numbers and texts that JSON can hold."""
+"""Describes a recording by numbers and texts that JSON can hold."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mqslam.core.trajectory import Trajectory
 
 
 def describe_radar(recording: Recording) -> dict[str, Any]:
-    """Describes a radar recording in numbers and strings that JSON can hold; only its first polar scan is read.
+    """Describes a radar recording by numbers and texts that JSON can hold; reads only the first polar scan.
 
     Returns:
         format, path, revolutions (their number), duration_s [s], turn_rate_hz [1/s], azimuths and bins (their numbers in the
@@ -48,12 +48,12 @@ def describe_radar(recording: Recording) -> dict[str, Any]:
 
 
 def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
-    """Describes a lidar's recording in numbers and strings that JSON can hold.
+    """Describes a lidar's recording by numbers and texts that JSON can hold.
 
     Returns:
         format, path, scans (their number), duration_s [s], scan_rate_hz [1/s], returns (mean number per scan), max_range_m
-        [m] of the farthest return, odometry and recording (the poses that come with the scans), each None, or the number of
-        poses and length_m [m], and notes.
+        (range of the farthest return [m]), odometry and recording (the poses that come with the scans; each None, or the
+        number of poses and length_m [m]), and notes.
     """
     steps = np.diff(lidar.scans.stamps_us) * 1e-6
     return {
@@ -86,6 +86,6 @@ def _describe_sensor(sensor: Gyroscope | Fixes) -> dict[str, Any]:
 
 
 def _describe_mount(mount: Mount) -> dict[str, Any]:
-    """Returns the pose of the radar on the vehicle, and the source of this pose."""
+    """Returns the pose of the radar on the vehicle (x forward, y and yaw to the left), and the source of this pose."""
     x, y, yaw = mount.pose.tolist()
     return {"x_m": x, "y_m": y, "yaw_deg": float(np.degrees(yaw)), "source": mount.source}

@@ -1,4 +1,4 @@
-"""Opens and checks the inputs of a command: recording, settings, odometry, sensors, and pose of the radar on the vehicle."""
+"""Opens and checks the inputs of a command: recording, odometry, sensors, and the pose of the radar on the vehicle."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and deg
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The choice of each input besides the radar: `auto` (the recording's own, if it has one), `none`, or a given one.
+    """The user's choice of each input besides the radar's or lidar's own recording.
 
     Args:
-        odometry: `auto`, `none`, or the path of a file.
-        imu: the same for the gyroscope.
-        gnss: the same for the GNSS fixes.
-        extrinsics: pose of the radar on the vehicle: `auto`, `none`, or X,Y,YAW: metres forward, metres and degrees to the
-            left.
-        frame: `radar` or `vehicle`: whose poses a run writes.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        imu: the gyroscope: `auto`, `none`, or the path of a file.
+        gnss: the GNSS fixes: `auto`, `none`, or the path of a file.
+        extrinsics: pose of the radar on the vehicle: `auto`, `none`, or a text X,Y,YAW (metres forward, metres to the left,
+            degrees to the left).
+        frame: whose poses a run writes: `radar` or `vehicle`.
     """
 
     odometry: str = "auto"
@@ -66,12 +66,12 @@ def open_data(
     strict: bool = False,
     span: Span = WHOLE,
 ) -> Recording:
-    """Opens the recording that a command was given; `range_resolution` takes precedence over the value in the settings.
+    """Opens the recording that a command was given.
 
     Args:
         data: the recording.
-        format: name of its layout, or None to guess it.
-        range_resolution: length of a range bin [m], or None.
+        format: name of its layout; None guesses it.
+        range_resolution: length of a range bin [m]; None takes the value in the settings or the recording.
         settings: all settings.
         strict: whether a recording with any fault is refused.
         span: begin and end of the part that is used [s since the recording's start].
@@ -106,7 +106,7 @@ def open_radar_or_lidar(
     strict: bool = False,
     span: Span = WHOLE,
 ) -> Recording:
-    """Opens the recording of a radar or a planar lidar that a command was given; the arguments are those of `open_data`.
+    """Opens the recording of a radar or a planar lidar; the arguments are the same as those of `open_data`.
 
     Raises:
         ConfigError: as for `open_data`, or a lidar's recording is given a range resolution or topics.
@@ -122,15 +122,15 @@ def open_radar_or_lidar(
 
 
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
-    """Returns the odometry that a run uses, as the motion of the radar, and notes for the user on the choice.
+    """Returns the odometry that a run uses, as poses of the radar, and notes for the user on why odometry is not used.
 
-    Odometry is the motion of the vehicle. If the mount of the radar is unknown, odometry is taken as the motion of
-    the radar.
+    Odometry is the motion of the vehicle. If `mount` is None, odometry is taken as the motion of the radar. The result is
+    None if there is no odometry, or if the recording's own odometry does not cover the recording.
 
     Args:
         recording: the recording.
         choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
-        mount: where the radar sits on the vehicle, or None.
+        mount: pose of the radar on the vehicle; None if it is unknown.
 
     Raises:
         DataError: the file cannot be read or does not cover the recording.
@@ -153,16 +153,16 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
 
 
 def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
-    """Converts poses of a vehicle to poses of its radar; returns them unchanged if the mount of the radar is unknown."""
+    """Converts poses of a vehicle to poses of its radar; returns the same poses if `mount` is None, and None for None."""
     return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
 
 
 def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
-    """Checks that a run can write the poses of the radar or the vehicle, whichever is asked for.
+    """Checks that a run can write poses in the frame that the user chose.
 
     Args:
         frame: `radar` or `vehicle`.
-        mount: where the radar sits on the vehicle, or None.
+        mount: pose of the radar on the vehicle; None if it is unknown.
         data: the recording, for the message.
 
     Raises:
@@ -178,19 +178,19 @@ def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
 
 
 def place_truth(recording: Recording, mount: Mount | None) -> Recording:
-    """Returns the recording; if the mount is known, ground truth of the vehicle is converted to poses of the radar."""
+    """Returns the recording, with ground truth of the vehicle converted to poses of the radar unless `mount` is None."""
     if mount is None or recording.ground_truth is None or not recording.truth_on_vehicle:
         return recording
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
 def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
-    """Reads extrinsics given as three numbers or as a text X,Y,YAW; returns the numbers and the pose (3,) [m, m, rad].
+    """Reads extrinsics, which are three numbers or a text X,Y,YAW; returns them as numbers and as a pose (3,) [m, m, rad].
 
     For None, both results are None.
 
     Raises:
-        ConfigError: the text is not made of three numbers, or they are beyond 100 m or 360 degrees.
+        ConfigError: the text does not hold three numbers, or a number is beyond 100 m or 360 degrees.
     """
     if given is None:
         return None, None
@@ -210,10 +210,10 @@ def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, 
 def name_inputs(
     odometry: Path | str, imu: Path | str, gnss: Path | str, extrinsics: Extrinsics | str, frame: str = RADAR
 ) -> Inputs:
-    """Returns the inputs that a caller chose, all as texts; extrinsics become X,Y,YAW.
+    """Returns the inputs that a caller chose, each as a text; extrinsics become X,Y,YAW.
 
     Raises:
-        ConfigError: an argument is of another type than these.
+        ConfigError: an argument has a type that is not allowed.
     """
     return Inputs(
         str(to_path(odometry, "odometry")),
@@ -228,7 +228,7 @@ def name_extrinsics(given: Extrinsics | str) -> str:
     """Returns extrinsics as a text X,Y,YAW; a text, such as `auto` or `none`, is returned unchanged.
 
     Raises:
-        ConfigError: they are no numbers.
+        ConfigError: the extrinsics are neither a text nor numbers.
     """
     try:
         return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
@@ -237,7 +237,7 @@ def name_extrinsics(given: Extrinsics | str) -> str:
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
-    """Returns the sensors that a run uses, notes on how given files were read, and faults that say which data are not used.
+    """Returns the sensors that a run uses, with notes on how given files were read, and faults of sensors that are not used.
 
     Raises:
         ConfigError: the extrinsics are not a pose on a vehicle.
@@ -250,7 +250,7 @@ def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
 
 
 def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | None]:
-    """Returns the gyroscope that a run uses, or None; notes on reading the recording's own gyroscope are in the recording.
+    """Returns the gyroscope that a run uses, or None, with notes on how a given file was read.
 
     Args:
         recording: the recording.
@@ -264,10 +264,10 @@ def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | N
 
 
 def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
-    """Returns the GNSS fixes that a run uses, or None, in the same way as `choose_gyroscope`.
+    """Returns the GNSS fixes that a run uses, or None; the arguments are the same as those of `choose_gyroscope`.
 
-    Fixes that the ground truth was made from are used only if the user names their file: an evaluation of a result that uses
-    them would prove nothing.
+    Fixes from which the ground truth was made are used only if the user names their file, since ground truth proves nothing
+    about a result that uses the same fixes.
 
     Raises:
         DataError: the file cannot be read, or shares no time with the recording.
@@ -283,9 +283,9 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
 def _choose_sensor(
     recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
 ) -> Reading[S | None]:
-    """Returns the sensor that `read` finds in a given file, the recording's own sensor, or None.
+    """Returns the sensor that `read` reads from the file `choice`, the recording's `own` sensor, or None.
 
-    The text `unused` begins the fault that is returned if the recording's own sensor shares no time with the radar.
+    If the recording's own sensor shares no time with the radar, the result is None with a fault that begins with `unused`.
     """
     if choice == "none":
         return Reading(None)
@@ -303,8 +303,8 @@ def choose_mount(recording: Recording, choice: str) -> Mount | None:
 
     Args:
         recording: the recording.
-        choice: `auto` (what the recording states, if it does), `none`, or X,Y,YAW: metres forward, metres to the left and
-            degrees to the left.
+        choice: `auto` (what the recording states, if it does), `none`, or a text X,Y,YAW (metres forward, metres to the
+            left, degrees to the left).
 
     Raises:
         ConfigError: the choice is neither `auto` nor `none` nor a pose on a vehicle.
@@ -322,7 +322,7 @@ def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
 
 
 def _explain_clock(recording: Recording, stamps_us: NDArray[np.int64]) -> str:
-    """Describes the known delay by which the stamps (N,) [us] of a sensor miss a recording; "" if no known delay fits."""
+    """Describes the usual clock error, such as an hour, by which stamps (N,) [us] miss a recording; "" if none fits."""
     late_s = find_offset(int(stamps_us[0]), int(stamps_us[-1]), recording.start_us, recording.end_us)
     return "" if late_s is None else f": the stamps seem to be {describe_offset(late_s)}; add {-late_s:.0f} s to them"
 

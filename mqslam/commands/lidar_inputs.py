@@ -1,4 +1,4 @@
-"""Prepares a lidar's recording for a run."""
+"""Prepares the recording of a planar lidar for a run."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class PreparedLidar:
 
     Args:
         recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
-        odometry: its odometry, or None.
-        settings: the settings, with lengths that are fitted to the scans.
-        warnings: why odometry is not used, if it is not.
+        odometry: the odometry that the run uses, or None.
+        settings: all settings, with lengths that are fitted to the scans.
+        warnings: sentences on why odometry is not used; empty if it is used or missing.
     """
 
     recording: LidarRecording
@@ -43,11 +43,11 @@ def prepare_lidar(
         recording: the recording as it was read.
         settings: settings as they were given.
         inputs: the choice of odometry; all other inputs must be left at their defaults or switched off.
-        unit_m: the unit of length of the computations [m]; None measures it from the scans.
+        unit_m: unit of length of the computations [m]; None measures the unit from the ranges of the scans.
 
     Raises:
         ConfigError: an input is given that only radars use.
-        DataError: the odometry's file cannot be read or does not cover the recording.
+        DataError: the file of odometry cannot be read or does not cover the recording.
     """
     given = {
         "readings of a gyroscope": inputs.imu not in _OFF,

@@ -1,4 +1,4 @@
-"""Fits settings to lidars, and sorts out which settings of a run follow from a lidar's recording."""
+"""Fits settings to lidars, and finds out which settings of a run were fitted to a lidar's recording."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ ROOMS_CONFIG: Final = "rooms"
 
 
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings to the scans of a lidar: those that were left at their defaults follow its unit of length."""
+    """Fits settings that were left at their defaults to a lidar; their lengths follow the unit of length of its scans."""
     return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
 
 
 def fit_to_rooms(settings: Config) -> Config:
-    """Fits settings to the audit of a lidar's log or a finished cloud: usual lengths for rooms replace the defaults."""
+    """Fits settings to the audit of a lidar's log or a finished cloud: lengths that suit rooms replace the defaults."""
     return fit_settings(fit_settings(settings, load_config(ROOMS_CONFIG), 1.0), load_config(LIDAR_CONFIG), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """The settings that differ from others, each as its name with both values as in JSON.
+    """The settings that differ between two sets, each as (name, value before, value after) with values as in JSON.
 
     Args:
         own: settings that somebody has changed.
-        followed: settings that follow from a lidar's recording, and those that a lidar's recording does not tell.
-        unit_m: unit of length of this recording [m], or its ratio to that of another lidar's; None where lengths do
-            not differ by a common factor, as in settings of radars.
+        followed: settings that were fitted to a lidar's recording, and settings that are usual for lidars.
+        unit_m: factor by which most lengths differ; None if there is no such factor, as in settings of radars. It is the
+            unit of length of a lidar's recording [m] or, if both sets are of lidars, the ratio of their units.
     """
 
     own: list[tuple[str, Any, Any]]
@@ -43,7 +43,7 @@ class Changes:
 
 
 def sort_changes(before: Config, after: Config) -> Changes:
-    """Finds the settings that differ from others, and sorts out those that differ because they are of a lidar's run."""
+    """Finds the settings that differ between two sets, and separates those that were fitted to a lidar's recording."""
     changes, unit_m = list_changes(before, after), find_unit(after, before)
     if unit_m is None:
         return Changes(changes, [], None)

@@ -1,4 +1,4 @@
-"""Localisation: finds the poses of a recording in the map of an earlier run."""
+"""Finds the poses of a recording in the map of an earlier run."""
 
 from __future__ import annotations
 
@@ -52,22 +52,22 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     force: bool = False,
     work: Work = QUIET,
 ) -> LocaliseResult:
-    """Finds the poses of a recording in the map of an earlier run, from a cold start, and writes them.
+    """Finds the poses of a recording in the map of an earlier run, without a starting guess, and writes them.
 
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        map: the result of the earlier run, whose keyframes/ is read; the recording of that run is not needed.
+        map: folder of the earlier result, whose keyframes/ is read; the recording of that run is not needed.
         frontend: name of the front end that measures the motions between scans.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle, as for `run`.
-        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped one;
-            None takes the settings that the map was made with.
+        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped
+            configuration; None takes the settings that the map was made with.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
-        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
-        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
@@ -112,7 +112,7 @@ def _open_map(path: Path) -> KeyframeMap:
     """Opens the map of a result.
 
     Raises:
-        DataError: there is no map, it is damaged, or its descriptors of places are of an unknown kind.
+        DataError: there is no map, the map is damaged or holds no places, or another version has described its places.
     """
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
@@ -123,12 +123,12 @@ def _open_map(path: Path) -> KeyframeMap:
 
 
 def read_map_settings(map: Path) -> Config:
-    """Returns the settings that a map was made with, or default settings if no config.yaml lies beside its keyframes.
+    """Returns the settings that a map was made with; default settings if no config.yaml lies beside its keyframes.
 
-    Topics are left out: they belong to the bag that the map was made from, not to another recording.
+    Topics are left out, since they belong to the bag of the map and not to another recording.
 
     Raises:
-        ConfigError: the file of these settings holds a mistake.
+        ConfigError: config.yaml holds a mistake.
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
@@ -142,7 +142,7 @@ def _check_sensor(recording: Recording, map: Path, unit_m: float | None) -> None
     Args:
         recording: the recording.
         map: the folder of the map.
-        unit_m: the unit of a lidar's map [m]; None for a radar's.
+        unit_m: unit of length of a lidar's map [m]; None for a radar's map.
     """
     if isinstance(recording, LidarRecording) == (unit_m is not None):
         return

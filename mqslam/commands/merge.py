@@ -1,4 +1,4 @@
-"""The merge: makes one map from the results of several recordings."""
+"""Makes one map from the results of several recordings."""
 
 from __future__ import annotations
 
@@ -40,14 +40,15 @@ def merge(
 ) -> MergeResult:
     """Makes one map from the results of several recordings, and finds what changed between them.
 
-    Places that the recordings share are recognised without a guess of where they are, and registered on each other by psi.
-    The graphs of all results are optimised as one, linked by these registrations. The map is in the first result's frame.
+    Places that the recordings share are recognised without a starting guess, and psi registers the recordings on each other
+    there. These registrations link the graphs of all results, which are optimised as one. The map is in the frame of the
+    first result.
 
     Args:
         results: folders of results of `run` or `merge`, two or more.
         out: folder for the merged result; it must not exist yet.
-        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped one;
-            None takes the settings of the first result.
+        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped
+            configuration; None takes the settings of the first result.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -55,7 +56,7 @@ def merge(
         The result that was written to `out`; it can be merged again.
 
     Raises:
-        MqslamError: a result cannot be used, or does not surely share a place with the others; nothing is written then.
+        MqslamError: a result cannot be used, or it is not certain which places the results share; nothing is written then.
 
     Example:
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
@@ -113,7 +114,7 @@ def read_part(folder: Path) -> Session:
 
 @untrusted.reads_file
 def _read_solved(path: Path) -> NDArray[np.int64]:
-    """Reads from graph.csv the stamps (N,) [us] of the scans in a run's graph, in order.
+    """Reads from a run's graph.csv the stamps (N,) [us] of the scans in its graph, in the order of the scans.
 
     Raises:
         DataError: the file is missing or damaged.
@@ -141,7 +142,7 @@ def _require_distinct(folders: Sequence[Path]) -> None:
 def _check_recordings(parts: Sequence[Session]) -> None:
     """Checks that the results are all of radars or all of lidars, and that no two hold the same scans of a recording.
 
-    The returns of these scans would otherwise be matched with themselves.
+    If two results held the same scans, the returns of these scans would be matched with themselves.
 
     Raises:
         DataError: kinds of sensors are mixed, or two results hold parts of the same recording that overlap in time.

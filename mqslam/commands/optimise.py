@@ -25,17 +25,17 @@ def optimise_file(
     """Optimises the pose graph in a file, with the robust losses that the file states, and writes the optimised poses.
 
     Args:
-        graph: a .g2o file of planar poses or of poses in space, such as a run's `graph.g2o`; or a file with the text that
-            `serialize` of GTSAM's graph returned.
+        graph: a .g2o file of poses in the plane or in space, such as a run's `graph.g2o`; or a file with the text that
+            `serialize` of a GTSAM graph returned.
         out: the file to write: `.g2o`, or `.tum` for a run's graph, with the stamps of the `trajectory.tum` beside that
             graph. None writes nothing.
-        values: file of the values that GTSAM has written, for a graph that GTSAM has written.
+        values: file with the text that `serialize` of the GTSAM graph's values returned; None for a .g2o file.
         force: whether a file that exists at `out` is replaced.
 
     Returns:
-        The number of `poses`, `factors` and `dimensions` of the graph; `error_before` and `error_after`, each half of the
-        sum of squared residuals in standard deviations, weighted by their losses; and `left_out`, the number of factors that
-        a .g2o file cannot hold, because they are not edges between poses.
+        The paths `graph` and `out`; the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph; `error_before`
+        and `error_after`, each half of the sum of squared residuals in standard deviations, weighted by their losses; and
+        `left_out`, the number of factors that a .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
         ConfigError: the output has an unknown suffix.
@@ -79,7 +79,7 @@ def optimise_file(
 
 
 def _read(graph: Path, values: Path | None) -> StoredGraph:
-    """Reads a graph that is in g2o's form or was written by GTSAM.
+    """Reads a graph in the form of g2o or of GTSAM's `serialize`.
 
     Raises:
         DataError: the graph cannot be read, its values are missing, or values are given for a graph that holds its own.
