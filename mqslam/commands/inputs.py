@@ -124,8 +124,8 @@ def open_radar_or_lidar(
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as poses of the radar, and notes for the user on why odometry is not used.
 
-    Odometry is the motion of the vehicle. If `mount` is None, odometry is taken as the motion of the radar. The result is
-    None if there is no odometry, or if the recording's own odometry does not cover the recording.
+    Odometry is the motion of the vehicle; if `mount` is None, it is taken as the motion of the radar. The trajectory that is
+    returned is None if there is no odometry, or if the recording's own odometry does not cover the recording.
 
     Args:
         recording: the recording.

@@ -1,4 +1,4 @@
-"""Makes factors for a user's own GTSAM graph from a recording: of its motions, its loop closures and its single scans."""
+"""Makes factors from a recording for a user's own GTSAM graph: of motions, loop closures and scans on earlier passes."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ LoopFactor = tuple[gtsam.NonlinearFactor, Loop]
 
 
 class PsiFactors(list[Stated]):
-    """The factors of a recording's measurements, each with the measurement that it states.
+    """The factors of the motions in a recording, as a list of (factor, measurement).
 
     Args:
-        pairs: the factors, each with the motion that it states: the pose of its second key in the frame of its first.
+        pairs: each factor with the measurement that it states: the pose of its second key in the frame of its first key.
         scans: scans of the recording; `loop_factors` and `refine` take them, and need not detect them again.
         config: all settings, with the Doppler shift that was used, so that it need not be measured again.
-        chained: (N, 3) pose of every scan in the frame of the first one, by the measurements alone [m, m, rad].
+        chained: (N, 3) pose of every scan in the frame of the first scan, by the measurements alone [m, m, rad].
         scan_keys: (N,) key of every scan.
         submap_keys: (J,) key of every submap.
         first_scans: (J,) number of each submap's first scan; the pose at its start is the frame of the submap.
@@ -84,9 +84,9 @@ class PsiFactors(list[Stated]):
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
         """Returns starting values for those keys of the factors that have no value in the graph so far.
 
-        The pose of such a scan follows from the measurements and the pose of the nearest earlier scan that has a value, or
-        else of the first later scan that has one. If no scan has a value, the first scan lies at the origin. A submap gets
-        the pose of its first scan.
+        The pose of a scan without a value follows from the measurements and from the pose of the nearest earlier scan that
+        has a value, or else of the first later scan that has a value. If no scan has a value, the first scan lies at the
+        origin. A submap gets the pose of its first scan.
 
         Args:
             values: values that the graph has so far, None for none. They are not changed, and must be poses of the same kind
@@ -98,7 +98,7 @@ class PsiFactors(list[Stated]):
         anchors = np.maximum(np.searchsorted(known, np.arange(len(self.scan_keys)), side="right") - 1, 0)
 
         def find_pose(k: int) -> gtsam.Pose2 | gtsam.Pose3:
-            """Returns the starting value for scan k."""
+            """Returns the starting value for scan k, or for a submap that begins with this scan."""
             if not known:
                 start = gtsam.Pose2(*self.chained[k])
                 return start if is_planar else gtsam.Pose3(start)
@@ -130,27 +130,27 @@ def psi_factors(
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
     A run without loops has the same factors, and therefore the same optimum. A run's covariances also contain the error of
-    the radar's scale, which all its lengths share. These factors do not contain it, because the errors of factors are
-    independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
+    the radar's scale, which all its lengths share. These factors do not contain this error, because the errors of factors
+    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
     scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
     poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
     eliminated, every scan would be tied to all others of the drive, and the robust losses would have no place. No factor
     fixes the trajectory as a whole in the world: a prior or other factors must do that.
-    Scans of a lidar between which the robot hardly moved are left out, as in a run. Scans are then numbered without them;
-    `scans` of the result holds the stamps of the others.
+    Scans of a lidar between which the robot hardly moved are left out, as in a run. The numbers of scans count only the
+    scans that remain, which `scans` of the result holds.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
-            each; by default `gtsam.symbol("x", k)`. The pose is the sensor's at the start of the scan (`scans.stamps_us` of
-            the result), REP 103.
+            each; by default `gtsam.symbol("x", k)`. The pose is that of the sensor at the start of the scan
+            (`scans.stamps_us` of the result), with x forward and y to the left.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         frontend: name of the front end.
-        odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
-            calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
+        odometry: dead-reckoned poses of the sensor that cover the recording, or None. They guide the front end, and their
+            motions, calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
             of the same wheels.
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. In space the factors have standard deviations of
             0.1 m in z, and of 0.03 rad in roll and pitch.
@@ -158,8 +158,8 @@ def psi_factors(
         work: where the work is done, and what reports on it.
 
     Returns:
-        A sequence of (factor, measurement). The measurement is what the factor states: the pose of its second key in the
-        frame of its first [m, m, rad], with the covariance (3, 3) of x, y and yaw in that frame. `make_initial` returns
+        A list of (factor, measurement). The measurement is what the factor states: the pose of the factor's second key in
+        the frame of its first key [m, m, rad], and the covariance (3, 3) of x, y and yaw. `make_initial` of the list returns
         starting values, also for the submaps.
 
     Raises:
@@ -205,7 +205,7 @@ def psi_factors(
 
 
 class LoopFactors(list[tuple[Between, Loop]]):
-    """The factors of loop closures, each with the loop that it states."""
+    """The factors of loop closures, as a list of (factor, loop)."""
 
     def __repr__(self) -> str:
         return f"LoopFactors({count_of(len(self), 'loop')})"
@@ -225,13 +225,13 @@ def loop_factors(
 
     Passes of a place are compared within the uncertainty of the trajectory. A loop is a match by psi that the trajectory
     allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes better. The
-    uncertainty is computed from `graph`; the trajectory must be its optimum. Without a graph, the steps of the trajectory
+    uncertainty is computed from `graph`, whose optimum the trajectory must be. Without a graph, the steps of the trajectory
     get the errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the
     front end `odometry`. Over a long path, these errors are larger than those of a good trajectory, so that some passes are
     left out.
 
     Args:
-        recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
+        recording: a recording's path, the open recording, or its scans, such as `scans` of what `psi_factors` returned.
         trajectory: poses of the sensor over time that cover the recording, or values with a pose (`gtsam.Pose2` or
             `gtsam.Pose3`) for the start of every scan.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
@@ -243,13 +243,13 @@ def loop_factors(
             `loops.enabled` has no effect.
         pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
             deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
-        work: where the work is done, and what reports on it, also on pairs of passes that were left out.
+        work: where the work is done, and what reports on it, including pairs of passes that were left out.
 
     Returns:
-        A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
-        one in the frame of the earlier one with its covariance [m, m, rad]. The factor's covariance is larger, since submaps
-        may be bent (by 0.05 m and 0.0015 rad, one standard deviation). Its Cauchy loss keeps a wrong loop from bending the
-        graph.
+        A list of (factor, loop). A loop holds the numbers of its two scans, and the pose of the later scan in the frame of
+        the earlier scan with its covariance [m, m, rad]. The factor's covariance is larger, since submaps may be bent (by
+        0.05 m and 0.0015 rad, one standard deviation). The factor has a Cauchy loss, which keeps a wrong loop from bending
+        the graph.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -290,9 +290,9 @@ class RefinedGraph:
     Args:
         graph: the given factors, with the factors of the ties and of the loops that stay.
         values: the optimum of this graph.
-        loops: the loops that stay, because no tie measures their returns, each with its factor.
-        ties: registrations of single scans on the earlier passes around them, as poses in the frame of the nearest scan of
-            these passes, each with its factor.
+        loops: (factor, loop) of the loops that stay, because no tie measures their returns.
+        ties: (factor, tie) of the registrations of single scans on the earlier passes around them; a tie holds the pose of
+            its scan in the frame of the nearest scan of these passes.
         psi_before: psi across passes at the given values: psi per point of the returns of later passes, with the returns of
             earlier passes as their neighbours. None where no place is passed twice.
         psi_loops: the same psi at the optimum with all loops, before any scan was registered.
@@ -321,17 +321,17 @@ def refine(
 ) -> RefinedGraph:
     """Registers every scan by psi on the earlier passes around it, at the poses of the user's own graph.
 
-    The factors of these registrations, *ties*, replace the loops between the same passes, since a loop registers one rigid
-    submap on another, and no return may count twice. Scans are registered only on passes that a loop connects with theirs.
-    The graph is optimised again, and the scans are registered once more at their new poses. The ties stay only if psi across
-    passes does not become larger: otherwise the graph is returned with its loops.
+    These registrations, called *ties*, become factors that replace the loops between the same passes, since both use the
+    same returns, and no return may count twice. A scan is registered only on passes that a loop connects with the scan's own
+    pass. The graph is optimised again, and the scans are registered once more at their new poses. If psi across passes
+    becomes larger, the graph is returned with its loops instead of the ties.
 
     Args:
         graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's
             recording, it may hold only between-factors and priors of `gtsam.Pose2`.
         values: values of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The
             optimisation starts from them. They are not changed.
-        recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
+        recording: a recording's path, the open recording, or its scans, such as `scans` of what `psi_factors` returned.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.
         loops: the loops and their factors, as `loop_factors` returns them.
@@ -381,7 +381,7 @@ class _OpenScans:
         config: all settings.
         doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
         runner: does the computations.
-        unit_scans: the same scans in the unit of length of the computations, which is not the metre for a lidar's scans.
+        unit_scans: the same scans in the unit of length of the computations: a metre for a radar, `unit_m` for a lidar.
         unit_config: the same settings in this unit.
     """
 
@@ -394,7 +394,7 @@ class _OpenScans:
 
     @property
     def is_lidar(self) -> bool:
-        """Whether the scans are a lidar's."""
+        """Whether a lidar made the scans."""
         return self.scans.unit_m is not None
 
     @property
@@ -404,11 +404,11 @@ class _OpenScans:
 
     @property
     def beam(self) -> Beam:
-        """The sensor model by which returns are placed, in the unit of the computations."""
+        """The errors of the sensor and the Doppler shift, by which returns are placed, in the unit of the computations."""
         return beam_of(self.unit_config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
-        """Returns what a front end may use besides the scans, in the unit of the computations."""
+        """Returns what a front end may use besides the scans, in the unit of the computations; `odometry` is in metres."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
         track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m)
         beta = self.doppler_beta
@@ -436,10 +436,10 @@ class _OpenScans:
 def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator[_OpenScans]:
     """Yields the scans of a recording, and detects their returns if necessary.
 
-    Scans of a lidar during which its own odometry shows no motion are left out, as in a run.
+    If the path or the open recording of a lidar is given, scans between which its odometry shows no motion are left out.
 
     Args:
-        recording: its path, the open recording, or its scans.
+        recording: the path of a recording, an open recording, or scans.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         work: where the work is done, and what reports on it.
@@ -447,7 +447,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
     Raises:
         ConfigError: the settings hold a mistake.
         DataError: the recording cannot be used.
-        EstimationError: the scans hold too few returns for measuring the Doppler shift, or for the work of the block.
+        EstimationError: the scans hold too few returns to measure the Doppler shift, or for the computations in the block.
     """
     settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
@@ -480,7 +480,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:
-    """Returns the keys of all `count` scans.
+    """Returns the keys of scans 0 to `count` - 1.
 
     Raises:
         ConfigError: there are fewer keys than scans, or two keys are the same.
@@ -493,11 +493,7 @@ def _list_keys(keys: Keys, count: int) -> list[int]:
 
 
 def _require_distinct(keys: Sequence[int]) -> None:
-    """Checks that no two keys are the same.
-
-    Raises:
-        ConfigError: two keys are the same.
-    """
+    """Raises ConfigError if two keys are the same."""
     seen: set[int] = set()
     for key in keys:
         if key in seen:
@@ -507,10 +503,7 @@ def _require_distinct(keys: Sequence[int]) -> None:
 
 
 def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
-    """Returns the function that converts a factor between planar poses to a factor between poses of the graph.
-
-    Args:
-        pose: type of the graph's poses.
+    """Returns the function that converts a factor between planar poses to a factor between poses of type `pose`.
 
     Raises:
         ConfigError: the type is neither `gtsam.Pose2` nor `gtsam.Pose3`.
@@ -523,7 +516,7 @@ def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
 
 
 def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
-    """Returns the poses (N, 3) of keys, x [m], y [m], yaw [rad], the yaw unwrapped; poses in space are seen from above.
+    """Returns the poses (N, 3) that values hold for keys [m, m, rad], the yaw unwrapped; of poses in space, x, y and yaw.
 
     Raises:
         ConfigError: a key has no value, or its value is not a pose.

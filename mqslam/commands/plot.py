@@ -1,4 +1,4 @@
-"""Draws a result for print: its map with the density of the points, path, error and covariance."""
+"""Draws a result as a figure for print."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, Chart, Curve, Drawing
 from mqslam.results.files import TRUTH
 
 SUFFIXES: Final = (".pdf", ".png", ".svg")
-_ELLIPSES = 30  # most ellipses on the map of a figure for print, so that they leave the path visible
+_ELLIPSES = 30  # at most this many ellipses are drawn, so that the path stays visible
 _PATH: Final = "path [m]"
 _REMEDY: Final = "give the folder of a run, a localisation or a merge"
 
 
 def plot(result: Result | Path | str, out: Path | str | None = None, *, force: bool = False) -> Path:
-    """Draws a result as one figure: its map, path and 3-sigma ellipses, and the error and the covariance along the path.
+    """Draws a result as one figure: its map and path, and below them the error and the standard deviations over the path.
 
-    The ground truth and the error are drawn where the result holds ground truth, which is aligned with the path.
+    3-sigma ellipses of the covariances are drawn on the path. The error, and the ground truth aligned with the path, are
+    drawn if the result holds ground truth. A merge has several paths, which are drawn alone.
 
     Args:
         result: a result of `run`, `localise` or `merge`, or its folder.
@@ -55,7 +56,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
 
 
 def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
-    """Returns the map and the charts of a result."""
+    """Returns the map of a result with the curves on it, and the charts below it."""
     folder = result.folder
     tracks = result.read_trajectories() if isinstance(result, MergeResult) else [_read_track(folder)]
     maps = []
@@ -74,10 +75,10 @@ def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
 
 
 def _read_track(folder: Path) -> Trajectory:
-    """Reads the trajectory of a result.
+    """Reads trajectory.tum of a result.
 
     Raises:
-        DataError: there is none, as in the folder of an audit, or it cannot be read.
+        DataError: the file is missing, as in the folder of an audit, or cannot be read.
     """
     if not (folder / "trajectory.tum").is_file():
         raise DataError(folder, "holds no trajectory.tum to draw", _REMEDY)
@@ -85,7 +86,7 @@ def _read_track(folder: Path) -> Trajectory:
 
 
 def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
-    """Adds ground truth, aligned with the path, to the curves, and the error along it to the charts."""
+    """Adds ground truth, aligned with the path, to the curves, and the error along the path to the charts."""
     motion, errors = align_positions(track, truth), trace_errors(track, truth)
     if motion is None or errors is None:
         return
@@ -95,7 +96,7 @@ def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts
 
 
 def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
-    """Adds the 3-sigma ellipses of the positions to the curves, and standard deviations along the path to the charts."""
+    """Adds 3-sigma ellipses to the curves, and standard deviations along and across the heading to the charts."""
     given = read_covariances(file)
     known = np.isin(given.stamps_us, track.stamps_us)
     if not known.any():

@@ -1,4 +1,4 @@
-"""The results that commands return, and that are read again from the folder that they have written."""
+"""Defines the results that commands return, and reads them again from the folders that the commands have written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
 _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
-_MOST_BYTES: Final = 500_000_000  # audit.json of a day of driving has some 100 MB
+_MOST_BYTES: Final = 500_000_000  # audit.json of a day of driving has about 100 MB
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,7 +30,7 @@ class Result:
 
     Args:
         folder: the folder with the result files, which the README lists.
-        summary: the numbers, as `summary.json`, `audit.json` or `compare.json` holds them.
+        summary: the content of `summary.json`, `audit.json`, `compare.json` or `batch.json`.
     """
 
     folder: Path
@@ -38,7 +38,7 @@ class Result:
 
     @property
     def report(self) -> Path:
-        """The path of the report, a page for a browser."""
+        """The path of report.html, the page for a browser."""
         return self.folder / "report.html"
 
     @property
@@ -97,7 +97,7 @@ class AuditResult(JudgedResult):
 
     @property
     def worse(self) -> list[str]:
-        """Sentences on what is worse than in the baseline; empty without a baseline."""
+        """Sentences on what is worse than in the baseline; empty if nothing is worse or there is no baseline."""
         baseline = self.summary.get("baseline")
         return list(baseline["worse"]) if baseline else []
 
@@ -107,14 +107,14 @@ class TrajectoryResult(Result):
 
     @property
     def evo_command(self) -> str:
-        """The command by which evo computes the ATE of the report; empty where the recording has no ground truth."""
+        """The command by which evo computes the ATE of the report; "" if the recording has no ground truth."""
         return name_evo_command(self.folder)
 
     def read_trajectory(self) -> Trajectory:
-        """Reads the trajectory.
+        """Reads the trajectory from trajectory.tum.
 
         Raises:
-            DataError: the file of the trajectory cannot be read.
+            DataError: the file cannot be read.
         """
         return read_trajectory(self.folder / "trajectory.tum")
 
@@ -123,10 +123,10 @@ class RunResult(JudgedResult, TrajectoryResult):
     """The result of a run."""
 
     def read_covariances(self) -> StampedCovariances:
-        """Reads the marginal covariances (N, 3, 3) of the poses, with their stamps, in the frame of the first pose.
+        """Reads the covariances (N, 3, 3) of the poses in x, y, yaw [m, m, rad], in the frame of the first pose.
 
         Raises:
-            DataError: the file of the covariances cannot be read, or there is none, since they could not be computed.
+            DataError: covariances.csv cannot be read, or is missing because the covariances could not be computed.
         """
         return read_covariances(self.folder / "covariances.csv")
 
@@ -139,7 +139,7 @@ class MergeResult(Result):
     """The result of a merge."""
 
     def read_trajectories(self) -> list[Trajectory]:
-        """Reads the trajectory of each recording, all of them in one frame.
+        """Reads the trajectory of each recording; all are in the frame of the merged map.
 
         Raises:
             DataError: a file cannot be read.
@@ -154,7 +154,7 @@ class CompareResult(Result):
 
     Args:
         table: the numbers as text: a line of column heads, and a line per front end or trajectory.
-        marked: (line, column) of the best values in the table; a column has several if they look the same there.
+        marked: (line, column) in `table` of the best values; a column has several best values if their texts are the same.
     """
 
     table: list[list[str]]
@@ -168,7 +168,7 @@ class CompareResult(Result):
 
     @property
     def conclusion(self) -> str:
-        """The sentences that name the best row and say why; empty where there are fewer than two rows to compare."""
+        """The sentences that name the best row and say why; "" if there are fewer than two rows to compare."""
         best = self.summary["best"]
         return best["sentence"] if best else ""
 
@@ -180,12 +180,12 @@ def read_result(folder: Path | str) -> Result:
         folder: the folder of a result of `run`, `audit`, `compare`, `localise`, `merge` or `batch`.
 
     Returns:
-        The same as the command returned: a `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult`,
-        `MergeResult`, or a plain `Result` (of a batch).
+        The same result as the command returned: a `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult`,
+        `MergeResult`, or for a batch a `Result`.
 
     Raises:
         DataError: the folder does not exist, holds no result or one that is not finished, or its summary is damaged.
-        ConfigError: no path is given.
+        ConfigError: `folder` is not a path.
 
     Example:
         >>> result = mqslam.read_result("result")  # doctest: +SKIP
@@ -207,7 +207,7 @@ def read_result(folder: Path | str) -> Result:
 
 
 def _explain_missing(folder: Path) -> DataError:
-    """Returns the error that says why there is no result in a folder."""
+    """Returns the error that says why a folder holds no result."""
     if not folder.exists():
         return DataError(folder, "does not exist", "check the path")
     if not folder.is_dir():
@@ -221,10 +221,10 @@ def _explain_missing(folder: Path) -> DataError:
 
 
 def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Reads the numbers of a result.
+    """Reads the numbers of a result from a JSON file, which must have the entries `keys`.
 
     Raises:
-        DataError: the file is not JSON, or lacks one of the keys.
+        DataError: the file is not JSON, or lacks one of the entries.
     """
     try:
         summary = json.loads(untrusted.read_document(path, _MOST_BYTES))

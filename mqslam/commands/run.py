@@ -1,4 +1,4 @@
-"""The run: makes the trajectory and the map of a recording, and writes them with a report to a folder."""
+"""Makes the trajectory and the map of a recording, and writes them with a report to a folder."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     force: bool = False,
     work: Work = QUIET,
 ) -> RunResult:
-    """Takes a recording through front end, pose graph and map, and writes the results with a report.
+    """Estimates the trajectory and the map of a recording, and writes them with a report.
 
     Args:
         data: the recording.
@@ -74,16 +74,16 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or
             metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
-        frame: whose poses are written, in the frame of the first pose: `radar` or `vehicle`. For `vehicle`, the pose of the
-            radar on the vehicle must be known.
+        frame: whose poses are written, `radar` or `vehicle`; all poses are relative to the first one. For `vehicle`, the
+            pose of the radar on the vehicle must be known.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
-        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
-        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether a result that exists at `out` is replaced.
@@ -114,14 +114,14 @@ class Job:
     """A run that is ready to begin.
 
     Args:
-        recording: the recording, with notes on how it and the files of the sensors were read.
+        recording: the recording, with notes on how its files and the files of the sensors were read.
         odometry: the odometry that the run uses, or None.
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
-        warnings: why odometry or sensors are not used, if they are not.
+        warnings: sentences on why odometry or sensors are not used; empty if all are used.
         sensors: the other sensors that the run uses.
-        frame: `radar` or `vehicle`: whose poses the run writes.
+        frame: whose poses the run writes: `radar` or `vehicle`.
     """
 
     recording: Recording
@@ -140,7 +140,7 @@ class Job:
         return key if self.frame == RADAR else f"{key} {self.frame}"
 
     def choose_frame(self, run: Run) -> tuple[Run, Recording]:
-        """Converts a finished run and the recording's ground truth to poses of `frame`; returns run and recording."""
+        """Returns a finished run and the recording with its ground truth, both converted to poses of `frame`."""
         mount, truth = self.sensors.mount, self.recording.ground_truth
         if self.frame == RADAR or mount is None:
             return run, self.recording
@@ -162,12 +162,12 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
 ) -> Job:
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
-    For a lidar's recording, `unit_m` is the unit of length of the computations [m]; None measures it from the scans.
+    For a lidar's recording, `unit_m` is the unit of length of the computations [m]; None measures the unit from the scans.
 
     Raises:
-        ConfigError: the format or the front end is unknown, a lidar's recording is given what only radars use, the range
-            resolution cannot be the length of a range bin, the extrinsics are not a pose, or the frame is unknown, or it is
-            `vehicle` while the pose of the radar on the vehicle is unknown.
+        ConfigError: the format, the front end or the frame is unknown, a lidar's recording is given what only radars use,
+            the range resolution cannot be the length of a range bin, the extrinsics are not a pose, or the frame is
+            `vehicle` and the pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     frontends.require(frontend)
@@ -190,8 +190,8 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         job: the run.
         out: folder of the results.
         work: where the run is done, and what reports on it.
-        resume: whether to continue where an unfinished run has stopped.
-        how: how to continue after an error, for the error's message.
+        resume: whether an unfinished run at `out` is continued.
+        how: sentence on how to continue, for the message of an error.
 
     Returns:
         The content of summary.json.
@@ -216,7 +216,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
 
 
 def _write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
-    """Writes the odometry of a Boreas sequence in the leaderboard's form, named after the sequence; skips other formats.
+    """Writes the odometry of a Boreas sequence in the leaderboard's form, named after the sequence; ignores other layouts.
 
     Raises:
         OutputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Scores a window under a motion: by the published psi with its parts, and by the estimator's psi."""
+"""Computes psi of a window under a motion: the published psi with its parts, and the psi that the estimator minimises."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     format: str | None = None,
     range_resolution: float | None = None,
 ) -> dict[str, Any]:
-    """Scores a window of a recording under a motion.
+    """Computes psi of a window (several consecutive scans) of a recording under a motion.
 
     Args:
         data: the recording.
-        start: time at or after which the first scan of the window begins [s since the recording's start].
+        start: the first scan of the window begins at or after this time [s since the recording's start].
         motion: (2,) v, omega or (3,) vx, vy, omega [m/s, rad/s].
         scans: number of scans in the window.
-        variant: values that replace settings of the published score, by name; None keeps a setting.
+        variant: values that replace `temporal`, `numerator`, `factor` and `unmatched` of the settings; None keeps a setting.
         minimise: whether the motion is estimated as well, starting from the given motion.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
@@ -48,7 +48,8 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 
     Returns:
-        The scores as a tree: the window, the motion, the published score with its parts, and the estimator's score.
+        A dict with `window`, `doppler_beta` [s], `variant`, `motion`, `published` (psi with its parts) and `estimator` (the
+        estimator's psi). With `minimise` it also holds `minimised`: the estimated motion and both scores there.
 
     Raises:
         ConfigError: the variant has an unknown value, or the recording does not hold the window.
@@ -78,12 +79,12 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
-    """Detects the returns of successive scans; returns them with the start of the first scan [s]. Reads no other scans.
+    """Returns the returns of successive scans, and the start of the first scan [s since the recording's start].
 
     Args:
-        recording: the recording.
+        recording: the recording, of which only these scans are read.
         detector: settings of the detector.
-        start: time at or after which the first of these scans begins [s since the recording's start].
+        start: the first of these scans begins at or after this time [s since the recording's start].
         scans: number of scans.
 
     Raises:
@@ -111,7 +112,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
 
 
 def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> dict[str, Any]:
-    """Returns the published score of a window with its parts, and the estimator's score at the kernel's final widths."""
+    """Returns the published psi of a window with its parts, and the estimator's psi with the narrowest kernel, as a dict."""
     points, count = window.render(theta, model), len(window.returns)
     whole = published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
     own = window.score(theta, model, final_scale(window.config))
@@ -135,7 +136,7 @@ def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant:
 
 
 def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
-    """Returns the estimated motion with its standard deviations and status, as a tree."""
+    """Returns the estimated motion with its standard deviations and status as a dict."""
     deviations = best.covariance.diagonal() ** 0.5
     return {
         "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),

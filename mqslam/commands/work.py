@@ -15,7 +15,7 @@ Tell = Callable[[str], None]
 
 
 def ignore(note: str) -> None:
-    """Drops a note for the user."""
+    """Does nothing with a note for the user; the default of `Work.tell`."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class Work:
     """Where a command's work is done, and what reports on it; by default this process works, silently.
 
     Args:
-        engine: where the work is done; no result depends on it.
-        progress: called with a stage, the number of steps done and their total, as stages go on.
-        tell: called with every note for the user about the data, as soon as it is known.
-        word: returns a text of an audit's run.log, audit.md or junit.xml with its remedies in the words of whoever asked.
-        watch: called by a run with every scan once its motion is measured.
+        engine: does the work; no result depends on the choice of the engine.
+        progress: called with the name of a stage, the number of steps done and the number of all steps.
+        tell: called with every note for the user about the data, as soon as the note is known.
+        word: returns a text of an audit's run.log, audit.md or junit.xml with other remedies, such as the names of options.
+        watch: called by a run with every scan once its motion is measured; None is not called.
     """
 
     engine: Engine = HERE
@@ -45,7 +45,7 @@ def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
     """Yields the engine of a cluster, or of this machine if no cluster is given.
 
     Args:
-        cluster: address of a cluster, or None.
+        cluster: address of a Dask cluster, or None.
         jobs: number of processes to use on this machine.
 
     Raises:
