@@ -41,8 +41,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     cls=Group,
     epilog="Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or "
-    "worse, an audit is worse than its --baseline, or a run of batch failed; 2 a mistake in the command or its input, "
-    "described in one line; 3 the map that run or audit should judge with --fail-on could not be judged; 129, 130 and 143 "
+    "worse, an audit is worse than its --baseline, or a run of batch failed; 2 the command or its input holds a mistake, "
+    "which one line describes; 3 run or audit was given --fail-on, but the map could not be judged; 129, 130 and 143 "
     "interrupted.",
 )
 _EVERYDAY, _MAPS, _DATA, _RESEARCH = "Everyday", "Maps", "Data and settings", "Research"

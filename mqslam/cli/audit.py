@@ -19,19 +19,19 @@ _OWN: Options = {
     "trajectory": option(
         str | None,
         None,
-        r"A file (TUM, a CSV whose header names t or timestamp, in a unit such as t\[us], x, y and yaw, KITTI with "
-        "--times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
-        "TBV, or one that DATA has: odometry, ground_truth or recording, which is a lidar log's own and the default.",
+        r"The trajectory to judge: a file (TUM, KITTI with --times, a bag, or a CSV with a header such as t\[us],x,y,yaw), "
+        "the folder of a result of mqslam, KISS-SLAM, CFEAR or TBV, or the name of a trajectory that DATA holds: "
+        "odometry, ground_truth, or recording (the poses in a lidar's log; the default).",
         "--trajectory",
         "-t",
     ),
     "times": option(Path | None, None, "File with the stamps of a KITTI trajectory, one per line."),
     "topic": option(str | None, None, "Topic of the trajectory, if it is in a bag."),
-    "frame": option(str | None, None, "Frame whose pose /tf gives, if the trajectory is in a bag's /tf."),
+    "frame": option(str | None, None, "Frame whose poses are the trajectory, if a bag holds the trajectory in /tf."),
     "time_offset_s": option(
         float,
         0.0,
-        "Time to add to the stamps of the trajectory's file, if the clock of the file is not that of DATA.",
+        "Time to add to the stamps of the trajectory, if its clock differs from the clock of DATA.",
         "--time-offset",
         metavar="SECONDS",
     ),
@@ -48,27 +48,27 @@ _OWN: Options = {
     "covariances": option(
         Path | None,
         None,
-        "Covariances of the trajectory's poses, by which revisits are tested, and which are tested by them: a run's "
+        "Covariances of the trajectory's poses, which the audit compares with the errors at revisits: a run's "
         "covariances.csv, TUM with the covariance after each pose (36, 21 or 12 numbers), or a bag with "
-        "PoseWithCovarianceStamped or Odometry. Those in the trajectory's own file are found by themselves.",
+        "PoseWithCovarianceStamped or Odometry. Covariances in the trajectory's own file need no option.",
         metavar="FILE",
     ),
     "false_alarms": option(
         float | None,
         None,
-        "Probability, below 0.5, with which steps, spans, sums, pooled corrections, shaking and revisits compared with "
-        "covariances may together call a good recording's map bad; 0.01 by default.",
+        "Probability, below 0.5, that a good map is called bad by chance; the tests of steps, spans, sums, pooled "
+        "corrections, shaking and revisits share it. 0.01 by default.",
         metavar="RATE",
     ),
-    "test": option(Path | None, None, "Python file with a test of your own, which judges the map, too.", metavar="FILE"),
+    "test": option(Path | None, None, "Python file with a test of your own, which also judges the map.", metavar="FILE"),
     "baseline": option(
         Path | None,
         None,
-        "Folder of an earlier audit. Exit with 1 if the verdict or a test is worse than there.",
+        "Folder of an earlier audit. Exit with 1 if the verdict or a test is worse than in that audit.",
         "--baseline",
         metavar="OLD",
     ),
-    "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
+    "mend": flag("Correct the trajectory by what was found, write it as mended.tum, and judge it, too.", "--mend"),
 }
 
 _LISTED = 3  # at most this many torn windows and this many torn revisits are printed, the worst first
@@ -145,8 +145,8 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
 def _describe_final_psi(final: dict[str, float | None]) -> str:
     """Describes how far psi of a map is above the best psi of the same returns, given `final_psi` of audit.json."""
     windows, passes = final["over_best_of_windows"], final["over_best_of_passes"]
-    parts = [] if windows is None else [f"{windows:.2f} times the best of its windows"]
-    parts += [] if passes is None else [f"{passes:.2f} times the best across passes"]
+    parts = [] if windows is None else [f"{windows:.2f} times the best possible in windows"]
+    parts += [] if passes is None else [f"{passes:.2f} times the best possible across passes"]
     return " and ".join(parts) or "unknown"
 
 
@@ -162,7 +162,7 @@ def _format_results(summary: dict[str, Any]) -> str:
     found_bad = {name for name, test in summary["tests"].items() if test["status"] in ("warn", "fail")}
     is_mendable = not found_bad.isdisjoint(test.name for test in TESTS if test.is_mendable)
     if can_mend and is_mendable and not names_remedy:
-        rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
+        rows.append(("to mend it", "audit again with --mend, which writes a corrected trajectory"))
     if "mended" in summary:
         verdict = summary["mended"]["verdict"]
         rows += [("mended", summary["mended"]["sentence"]), ("verdict then", f"{verdict['status']}: {verdict['diagnosis']}")]

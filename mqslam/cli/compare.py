@@ -18,12 +18,12 @@ _OWN: Options = {
     "frontends": option(
         str,
         "psi,kiss_icp,open3d_icp,odometry",
-        "Front ends, separated by commas, those of other packages too; `psi+gyro` has the gyroscope in its graph.",
+        "Names or Python files of front ends, separated by commas; `+gyro` after a name adds the gyroscope to the graph.",
     ),
     "trajectory": option(
         list[str] | None,
         None,
-        "A trajectory to compare with, which may be given several times: TUM, CSV, a bag, or KITTI as POSES,TIMES.",
+        "A trajectory to compare with: TUM, CSV, a bag, or KITTI as POSES,TIMES. Repeat the option for several.",
         metavar="NAME=FILE",
     ),
     "odometry_only": flag("Only chain the front ends' motions, without pose graph and loops.", "--odometry-only"),
@@ -78,7 +78,7 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
     for text in texts:
         name, _, file = text.partition("=")
         if not name or not file:
-            raise ConfigError(f"--trajectory {text}: give NAME=FILE, NAME in letters and digits")
+            raise ConfigError(f"--trajectory {text}: give NAME=FILE, with a NAME of letters and digits")
         if name in files:
             raise ConfigError(f"--trajectory {text}: there is a row {name} already; choose another NAME")
         poses, _, times = file.partition(",")
@@ -112,6 +112,6 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
     if marked:
-        echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
+        echo("* is the best value; ↓ less is better, ↑ more is better, → 1 nearer to 1 is better".translate(arrows))
     for line in failed:
         echo(name_options(f"{line[0]} {line[1]}"))

@@ -9,7 +9,7 @@ import typer
 from mqslam.cli.options import Command, Group, Options, argument, command, complete_config, flag
 from mqslam.cli.terminal import Terminal, echo
 
-config = typer.Typer(cls=Group, help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
+config = typer.Typer(cls=Group, help="Show the settings, what a file changes, and the JSON schema.", no_args_is_help=True)
 
 
 _SHOW: Options = {
@@ -22,8 +22,8 @@ _DIFF: Options = {
     "name": argument(
         str, ..., "NAME", "A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
     ),
-    "other": argument(str | None, None, "OTHER", "The settings to compare it with; the defaults if not given."),
-    "everything": flag("Also list the settings that follow from a lidar's recording.", "--all"),
+    "other": argument(str | None, None, "OTHER", "The settings to compare NAME with; the defaults if not given."),
+    "everything": flag("Also list the settings that a lidar's run has taken from its recording.", "--all"),
 }
 
 
@@ -71,7 +71,7 @@ def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) 
         return
     number = count_of(len(changes.followed), "more setting")
     hint = "" if everything else "; --all lists them"
-    typer.echo(f"{number} of a lidar's run: lengths times {changes.unit_m:g}, and what {LIDAR_CONFIG}.yaml states{hint}")
+    typer.echo(f"fitted to a lidar: {number} (lengths times {changes.unit_m:g}, or as in {LIDAR_CONFIG}.yaml){hint}")
     for key, before, after in changes.followed if everything else ():
         typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
 

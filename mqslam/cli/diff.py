@@ -77,7 +77,7 @@ def _format(differences: dict[str, Any]) -> str:
         parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]
     if apart is None:
-        return "\n".join([*parts, "trajectories: cannot be compared"])
+        return "\n".join([*parts, "trajectories: not compared, because one is missing or they share fewer than 3 stamps"])
     rows = [("trajectories", "")]
     for key, name in _CASES.items():
         case = apart[key]

@@ -70,7 +70,7 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Returns what `describe_lidar` says about a recording as rows (name, text) for people."""
     return [
-        ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes its map, mqslam audit judges one"),
+        ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map"),
         ("path", facts["path"]),
         ("scans", f"{facts['scans']}"),
         ("duration", f"{facts['duration_s']:.2f} s"),

@@ -20,7 +20,7 @@ _OWN: Options = {
     "map": option(
         Path,
         ...,
-        "Result of an earlier run of the same place, which keeps its map in keyframes/.",
+        "Folder of an earlier result of the same place; its map is in keyframes/.",
         "--map",
         "-m",
         metavar="RESULT",
@@ -28,7 +28,7 @@ _OWN: Options = {
     "config": option(
         str | None,
         None,
-        "Settings: a YAML file or a shipped name; by default those that the map was made with.",
+        "Settings: a YAML file, or the name of one that ships with mqslam; by default the settings of the map.",
         "--config",
         "-c",
         autocompletion=complete_config,

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from mqslam.config import Config, ConfigSource
 
 Options = Mapping[str, tuple[Any, Any]]
-"""Type and declaration of each option, by the name of the function argument that it becomes."""
+"""Type and typer declaration of each option, by the name of the function argument that gets its value."""
 
 _PANELS: Final = {
     "Settings": "config changes",
     "Recording and sensors": "odometry imu gnss extrinsics frame format range_resolution topic start_s end_s strict",
     "Work and output": "jobs cluster resume force as_json quiet verbose",
 }
-"""Headings in the help, under which options that several commands have are listed."""
+"""Headings in the help, each with the names of the shared options below it."""
 OF_WORK: Final = frozenset(f"{_PANELS['Settings']} {_PANELS['Work and output']} out plan".split())
-"""Names of the options that say nothing about a result besides its settings."""
+"""Names of the options that change no result, and of options whose effect is in the settings of the result."""
 _FAIL_ON: Final = {"warn": "the verdict is warn or fail", "fail": "the verdict is fail"}
-"""When a verdict makes a command fail, by the words of --fail-on."""
+"""The values of --fail-on, each with the verdicts at which the command exits with 1."""
 _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
 
 
@@ -252,13 +252,13 @@ OPTIONS: Final[Options] = {
     "changes": option(
         list[str] | None,
         None,
-        "Change one setting, such as detector.threshold=60, whatever the file of settings says. Repeat the option for "
+        "Change one setting, such as detector.threshold=60; --set overrides --config. Repeat the option for "
         "several settings; `mqslam config show` lists them.",
         "--set",
         metavar="SECTION.NAME=VALUE",
     ),
     "odometry": option(
-        str, "auto", r"auto (the recording's own, if it has one), none, or a file (TUM, or CSV with t\[us],v,omega)."
+        str, "auto", r"Odometry: auto (the recording's own, if any), none, or a file (TUM, or CSV with t\[us],v,omega)."
     ),
     "imu": option(
         str,
@@ -294,7 +294,7 @@ OPTIONS: Final[Options] = {
         metavar="LAYOUT",
         autocompletion=_complete("mqslam.formats.recordings", lambda module: module.FORMATS),
     ),
-    "range_resolution": option(float | None, None, r"Length of a range bin \[m], if DATA does not state it or is wrong."),
+    "range_resolution": option(float | None, None, r"Length of a range bin \[m], if DATA states none or a wrong one."),
     "topic": option(
         list[str] | None,
         None,
@@ -321,7 +321,7 @@ OPTIONS: Final[Options] = {
     "fail_on": option(
         str | None,
         None,
-        "Exit with 1 if the verdict is this or worse (in an audit, on the trajectory as it is given), and with 3 if "
+        "Exit with 1 if the verdict is this or worse (even if --mend corrects the trajectory), and with 3 if "
         "the map could not be judged.",
         metavar="|".join(_FAIL_ON),
         callback=_check_fail_on,
@@ -337,7 +337,7 @@ OPTIONS: Final[Options] = {
     ),
     "force": flag("Replace whatever is at --out.", "--force"),
     "jobs": option(
-        int, os.cpu_count() or 1, "Number of processes to use; the result does not depend on it.", "--jobs", "-j", min=1
+        int, os.cpu_count() or 1, "Number of processes to use, which does not change the result.", "--jobs", "-j", min=1
     ),
     "cluster": option(
         str | None,
@@ -352,7 +352,7 @@ OPTIONS: Final[Options] = {
         bool, False, "Log on stderr what each stage found and how long it took.", "--verbose", "-v", callback=_set_verbosity
     ),
 }
-"""The options that several commands have."""
+"""The options that several commands share."""
 for _panel, _names in _PANELS.items():
     for _name in _names.split():
         OPTIONS[_name][1].rich_help_panel = _panel

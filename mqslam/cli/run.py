@@ -58,7 +58,7 @@ def run(
     def show() -> None:
         if config.sensor.doppler_beta is None and summary["doppler_beta"]:
             shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
-            causes = "wrong range bins or a range offset may be part of it"
+            causes = "a wrong length of range bins or a range offset may contribute to this value"
             terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {causes}"])
         print_run(terminal, result)
 

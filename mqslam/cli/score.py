@@ -13,22 +13,26 @@ if TYPE_CHECKING:
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 _VARIANT: Options = {
     "temporal": option(
-        str | None, None, "Temporal kernel: plateau, or gaussian as printed in (8). Default: the settings' value."
+        str | None, None, "Temporal kernel: plateau, or gaussian (the paper's equation 8). Default: the settings' value."
     ),
     "numerator": option(
-        str | None, None, "Numerator of L: tau/2 as in (9), or tau as in Algorithm 1. Default: the settings' value."
+        str | None,
+        None,
+        "Numerator of L: tau/2 (the paper's equation 9) or tau (Algorithm 1). Default: the settings' value.",
     ),
     "factor": option(
-        str | None, None, "Factor of L: distance as in (10), or kappa as in Algorithm 1. Default: the settings' value."
+        str | None,
+        None,
+        "Factor of L: distance (the paper's equation 10) or kappa (Algorithm 1). Default: the settings' value.",
     ),
     "unmatched": option(
         float | None,
         None,
-        "Cost of an unmatched point, in units of the largest cost of a pair; 0 as printed. Default: the settings' value.",
+        "Cost of an unmatched point, in units of the largest cost of a pair; the paper has 0. Default: the settings' value.",
     ),
 }
 _OWN: Options = {
-    "start": option(float, ..., r"The window begins with the first scan from this time on \[s since the start]."),
+    "start": option(float, ..., r"The window begins with the first scan at or after this time \[s since DATA begins]."),
     "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
     "revolutions": option(int, 3, "Length of the window, in scans.", min=2),
     "minimise": flag("Estimate the motion as well, starting from the given one.", "--minimise"),
@@ -96,7 +100,7 @@ def _format_results(scores: dict[str, Any]) -> str:
         ("  gradient", _format_gradient(published["gradient"])),
         (
             "  variant",
-            f"{variant['temporal']} in time, {variant['numerator']} above L, times {variant['factor']}, "
+            f"temporal {variant['temporal']}, numerator {variant['numerator']}, factor {variant['factor']}, "
             f"unmatched {variant['unmatched']:g}",
         ),
         ("estimator's psi", f"{estimator['psi']:.6g}, {estimator['psi_per_point']:.6g} per point"),

@@ -9,7 +9,7 @@ from mqslam.cli.options import Options, argument, command, flag, option
 from mqslam.cli.terminal import Terminal
 
 _MOVERS = {"street": 6, "yard": 6, "corridor": 0, "tunnel": 0}
-"""Default number of moving vehicles by scene; the simulator chooses it for other scenes."""
+"""Default number of moving vehicles by scene; for other scenes the simulator chooses the number."""
 _OWN: Options = {
     "out": argument(Path, ..., "OUT", "Folder for the recording; it must not exist yet."),
     "scene": option(str, "street", "The scene: street, yard, corridor, tunnel or city."),

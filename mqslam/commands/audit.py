@@ -403,7 +403,9 @@ def _read_given(
     else:
         given, notes = read_with_notes(to_path(trajectory, "trajectory"), times, topic, frame)
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
-        raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
+        raise ConfigError(
+            f"a time offset of {time_offset_s:g} s is no possible offset of a clock; give the offset in seconds"
+        )
     poses = given.poses if mount is None else se2.compose(given.poses, mount)
     return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses), notes
 

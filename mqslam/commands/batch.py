@@ -38,19 +38,19 @@ class PlannedRun(Section):
     data: Path = Field(description="the recording")
     name: str | None = Field(
         None,
-        description="folder of its results; null takes the recording's own name, after the names of folders above it where "
-        "other recordings have the same name",
+        description="folder of its results; null takes the recording's own name, with names of folders above it if several "
+        "recordings have the same name",
     )
     frontend: str = Field("psi", description="name of the front end")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
-    gnss: str = Field("auto", description="auto (the recording's own, unless its truth was made from it), none, or a file")
+    gnss: str = Field("auto", description="GNSS fixes: auto (unless the ground truth was made from them), none, or a file")
     extrinsics: str = Field("auto", description="pose of the radar: auto (as the recording states), none, or X,Y,YAW")
     frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
-    set: dict[str, Any] = Field({}, description="settings that differ from these, as SECTION.NAME: VALUE")
-    start: float | None = Field(None, description="scans that begin earlier are left out [s since the recording's start]")
-    end: float | None = Field(None, description="scans that begin then or later are left out [s since its start]")
+    set: dict[str, Any] = Field({}, description="settings that differ from `config`, as SECTION.NAME: VALUE")
+    start: float | None = Field(None, description="start of the part to use [s since the recording's start]")
+    end: float | None = Field(None, description="end of the part to use [s since the recording's start]")
 
 
 class Plan(Section):
@@ -129,7 +129,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
     )
     settings, span = change_config(load_config(config), _nest(run.set)), (run.start, run.end)
     if not (-math.inf if run.start is None else run.start) < (math.inf if run.end is None else run.end):
-        raise ConfigError(f"start {run.start} and end {run.end}: are no span of time; give two times in seconds, or one")
+        raise ConfigError(f"start {run.start} and end {run.end}: the end must be later than the start; give both in seconds")
     return Order(name, data, run.frontend, settings, odometry, imu, gnss, run.extrinsics, run.frame, span)
 
 

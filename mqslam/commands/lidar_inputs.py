@@ -57,7 +57,7 @@ def prepare_lidar(
     }
     if any(given.values()):
         named = join_words([name for name, is_given in given.items() if is_given])
-        why = "is a lidar's recording, whose poses are the lidar's and whose only other sensor can be odometry"
+        why = "is a lidar's recording, with which only odometry and the frame of the lidar can be used"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
     track, unused = choose_odometry(recording, inputs.odometry, None)
     prepared = prepare(recording, track, unit_m)

@@ -11,9 +11,9 @@ from mqslam.core.scans import Scans
 from mqslam.core.units import find_unit, fit_settings, scale_settings
 
 LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for what a lidar's recording does not tell."""
+"""Name of the shipped settings for lidars, which hold what a recording cannot show."""
 ROOMS_CONFIG: Final = "rooms"
-"""Name of the shipped settings with lengths for audits of lidars' logs and of finished clouds."""
+"""Name of the shipped settings with lengths that suit rooms, for audits of lidars' logs and of finished clouds."""
 
 
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:

@@ -275,7 +275,7 @@ def loop_factors(
         elif isinstance(trajectory, gtsam.Values):
             problem = GivenGraph(*view.convert_graph(graph, trajectory), listed, lift)
         else:
-            raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
+            raise ConfigError("graph: comes without the values of its optimum; give gtsam.Values as the trajectory")
         search = find_loops(scans, problem, settings.estimator, view.beam, runner, recognising=False)
     loops = [scale_tie(loop, view.unit_m) for loop in search.loops]
     for warning in search.warnings:
@@ -455,7 +455,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
     given: object = recording  # a caller without a type checker may give anything
     if not isinstance(given, Recording | Scans):
         kind = type(given).__name__
-        raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; make Scans of scans")
+        raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
     if isinstance(recording, Recording):
         for note in (*recording.notes, *recording.faults):
             work.tell(note)

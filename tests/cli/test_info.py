@@ -107,6 +107,6 @@ def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> 
     facts = json.loads(mqslam("info", log, "--json").out)
     assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 3.0, 180.0)
     assert facts["recording"] == {"poses": 4, "length_m": 3.0}
-    assert "recorded by a lidar: mqslam run makes its map, mqslam audit judges one" in mqslam("info", log).out
+    assert "recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map" in mqslam("info", log).out
     shown = mqslam("check", log)
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -24,7 +24,7 @@ NO_PLANS = {
     "runs: [{data: drive, frame: car}]": "runs.0.frame: Input should be 'radar' or 'vehicle'",
     "runs: [{data: drive, extrinsics: '1.2,0'}]": "runs.0: extrinsics 1.2,0: are not three numbers",
     "runs: [{data: drive, start: soon}]": "runs.0.start: Input should be a valid number",
-    "runs: [{data: drive, start: 9, end: 9}]": "runs.0: start 9.0 and end 9.0: are no span of time; give two times",
+    "runs: [{data: drive, start: 9, end: 9}]": "runs.0: start 9.0 and end 9.0: the end must be later than the start",
     "runs: [{data: drive, set: {detector: {threshold: 9}}}]": "runs.0: set detector: give SECTION.NAME: VALUE, such as",
     "runs: [{data: drive, set: {detector.treshold: 9}}]": "unknown setting detector.treshold; did you mean threshold?",
     "runs: [": "is not a readable YAML file",

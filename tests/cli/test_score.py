@@ -90,7 +90,7 @@ def test_the_estimators_gradient_points_uphill(street: Path) -> None:
 def test_a_person_reads_the_parts_and_the_variant(street: Path) -> None:
     result = mqslam("score", street, "--start", 2.0, "--motion", "9,0", "--minimise", "--unmatched", 0)
     assert (result.code, result.err) == (0, "")
-    for words in ("published psi", "pair sum (4)", "charge", "matched", "gradient", "plateau in time", "unmatched 0"):
+    for words in ("published psi", "pair sum (4)", "charge", "matched", "gradient", "temporal plateau", "unmatched 0"):
         assert words in result.out
     for words in ("estimator's psi", "minimised", "+-", "before", "after", "converged"):
         assert words in result.out
