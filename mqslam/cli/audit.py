@@ -89,10 +89,10 @@ def audit(
 ) -> None:
     """Judge the map that a recording makes under a trajectory, without ground truth.
 
-    Each window (several consecutive scans) is compared with the best map of the same scans, which is the map with the lowest
-    psi. The inflation of a window is the squared correction that leads to this best map, in units of its covariance; where
-    the map is right, it follows a chi-square distribution with 3 degrees of freedom. Where the sensor passes a place twice,
-    psi registers the two passes on each other, which shows how far the trajectory misplaces them.
+    Each window (several consecutive scans) is compared with the best map of the same scans, which has the lowest score psi.
+    The inflation of a window is the squared correction that leads to this best map, in units of its covariance; where the
+    map is right, it follows a chi-square distribution with 3 degrees of freedom. Where the sensor passes a place twice, psi
+    registers the two passes on each other, which shows how far the trajectory misplaces them.
 
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """

@@ -63,7 +63,7 @@ def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> t
 
 
 def option(kind: Any, default: Any, help: str, *names: str, **more: Any) -> tuple[Any, Any]:
-    """Returns type and declaration of an option; `more` goes to `typer.Option`. The default name is that of its argument."""
+    """Returns type and declaration of an option, named like its argument unless `names` are given; `more` is for typer."""
     return kind, typer.Option(default, *names, help=help, **more)
 
 
@@ -191,7 +191,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Returns a function that completes names for the shell; it imports `module`, in which `find` lists the names."""
+    """Returns a function that completes names for the shell: those that `find` lists in `module`, imported on demand."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in find(import_module(module)) if name.startswith(incomplete)]

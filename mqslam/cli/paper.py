@@ -1,4 +1,4 @@
-"""`mqslam paper`: reproduces the table and the figures of Chandran and Newman, IROS 2006, whose score psi is."""
+"""`mqslam paper`: reproduces the table and the figures of the paper that psi is from (Chandran and Newman, IROS 2006)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
 
 
 def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
-    """Prints table I, the scores of figure 2, and notes on how far these numbers can be compared with those in the paper."""
+    """Prints table I, the scores of figure 2, and notes on how far these numbers compare with the paper's numbers."""
     from mqslam.psi.published import paper as published
 
     with terminal.show_progress() as show:

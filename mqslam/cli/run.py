@@ -110,7 +110,7 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
 
 
 def tabulate_summary(summary: dict[str, Any]) -> Table:
-    """Returns psi, and the errors if there is ground truth, before and after the optimisation, with the verdict below."""
+    """Returns a table of psi and errors against ground truth before and after optimisation, with the verdict below."""
     from rich.table import Table
     from rich.text import Text
 
@@ -155,7 +155,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
 
 
 def describe_pace(driven_s: float, computed_s: float) -> str:
-    """Describes a run as a multiple of real time, or, if it is slower, by seconds of computing per second of driving."""
+    """Describes the speed of a run as a multiple of real time, or of a slow run by seconds of computing per second."""
     if computed_s > driven_s:
         return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
     return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"

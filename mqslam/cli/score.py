@@ -46,7 +46,7 @@ _OWN: Options = {
     _OWN,
 )
 def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
-    """Compute psi of a window (several consecutive scans) under a motion.
+    """Compute psi, the score of a map, for a window (several consecutive scans) under a motion.
 
     The result holds the published psi with its parts, and the psi that the estimator minimises. Ranges are corrected for the
     Doppler shift if the settings state it, as --config oxford does.

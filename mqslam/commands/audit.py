@@ -133,7 +133,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     data, out = to_path(data, "data"), to_path(out, "out")
     with claim_folder(out, force=force, sources=[data]):
         earlier = None if baseline is None else _read_baseline(Path(baseline))
-        _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
+        _set_limits(Config(), false_alarms, tolerance)  # raises for a wrong rate or tolerance before anything is read
         own = [] if test is None else [load_test(Path(test))]
         of_cloud = is_cloud(data)
         if of_cloud and (start_s, end_s) != WHOLE:
@@ -457,7 +457,7 @@ def detect_radar(
     carried = {ODOMETRY: odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(recording.path, tracks, name)
-    require_covered(make_scans(recording), track)  # raises for a mistake before the recording is read
+    require_covered(make_scans(recording), track)  # raises before the recording is read if the trajectory does not fit
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     source = Source(recording.path, recording.format, scans, tracks, recording.notes, recording.gyroscope)
     beta = choose_doppler(scans, settings, work.engine).beta

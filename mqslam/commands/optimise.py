@@ -34,7 +34,7 @@ def optimise_file(
 
     Returns:
         The paths `graph` and `out`; the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph; `error_before`
-        and `error_after`, each half of the sum of squared residuals in standard deviations, weighted by their losses; and
+        and `error_after`, each half of the sum of squared residuals in standard deviations, weighted by the losses; and
         `left_out`, the number of factors that a .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
@@ -96,10 +96,10 @@ def _read(graph: Path, values: Path | None) -> StoredGraph:
 
 
 def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
-    """Reads the trajectory beside a run's graph, which has the stamps of the graph's first poses.
+    """Reads trajectory.tum beside a run's graph; its stamps belong to the first poses of the graph.
 
     Raises:
-        DataError: there is no trajectory.tum beside the graph, or it does not fit the graph.
+        DataError: there is no trajectory.tum beside the graph, or its poses do not fit the graph.
     """
     beside = graph.with_name("trajectory.tum")
     if not beside.is_file():

@@ -131,21 +131,21 @@ def psi_factors(
 
     A run without loops has the same factors, and therefore the same optimum. A run's covariances also contain the error of
     the radar's scale, which all its lengths share. These factors do not contain this error, because the errors of factors
-    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
-    A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
-    too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
-    scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
-    poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
-    eliminated, every scan would be tied to all others of the drive, and the robust losses would have no place. No factor
-    fixes the trajectory as a whole in the world: a prior or other factors must do that.
-    Scans of a lidar between which the robot hardly moved are left out, as in a run. The numbers of scans count only the
-    scans that remain, which `scans` of the result holds.
+    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user. A scan is
+    measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one scan is
+    placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors between
+    successive scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are
+    therefore poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
+    eliminated, every scan would be tied to all others of the drive, and no factor could have a robust loss. No factor fixes
+    the trajectory as a whole in the world: a prior or other factors must do that. Scans of a lidar between which the robot
+    hardly moved are left out, as in a run. The numbers of scans count only the scans that remain, which `scans` of the
+    result holds.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
-        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
-            each; by default `gtsam.symbol("x", k)`. The pose is that of the sensor at the start of the scan
-            (`scans.stamps_us` of the result), with x forward and y to the left.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for each;
+            by default `gtsam.symbol("x", k)`. The pose is that of the sensor at the start of the scan (`scans.stamps_us` of
+            the result), with x forward and y to the left.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         frontend: name of the front end.
@@ -173,7 +173,7 @@ def psi_factors(
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
-    require(frontend)  # raises before the recording is read
+    require(frontend)  # raises, before the recording is read, if there is no such front end
     with _open_scans(recording, config, work) as view:
         settings, scans = view.unit_config, view.unit_scans
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
@@ -319,7 +319,7 @@ def refine(
     config: ConfigSource = None,
     work: Work = QUIET,
 ) -> RefinedGraph:
-    """Registers every scan by psi on the earlier passes around it, at the poses of the user's own graph.
+    """Registers every scan of a user's graph by psi on the earlier passes around it, and returns the graph with the results.
 
     These registrations, called *ties*, become factors that replace the loops between the same passes, since both use the
     same returns, and no return may count twice. A scan is registered only on passes that a loop connects with the scan's own
@@ -330,7 +330,7 @@ def refine(
         graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's
             recording, it may hold only between-factors and priors of `gtsam.Pose2`.
         values: values of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The
-            optimisation starts from them. They are not changed.
+            optimisation starts from these values and does not change them.
         recording: a recording's path, the open recording, or its scans, such as `scans` of what `psi_factors` returned.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.

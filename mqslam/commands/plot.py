@@ -30,7 +30,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
     """Draws a result as one figure: its map and path, and below them the error and the standard deviations over the path.
 
     3-sigma ellipses of the covariances are drawn on the path. The error, and the ground truth aligned with the path, are
-    drawn if the result holds ground truth. A merge has several paths, which are drawn alone.
+    drawn if the result holds ground truth. For a merge, only the map and the paths are drawn.
 
     Args:
         result: a result of `run`, `localise` or `merge`, or its folder.

@@ -29,7 +29,7 @@ class Result:
     """The result of a command.
 
     Args:
-        folder: the folder with the result files, which the README lists.
+        folder: the folder with the result files, which docs/reference/files.md lists.
         summary: the content of `summary.json`, `audit.json`, `compare.json` or `batch.json`.
     """
 
@@ -88,7 +88,7 @@ class JudgedResult(Result):
 
     @property
     def reasons(self) -> list[str]:
-        """The reasons of the verdict."""
+        """The reasons of the verdict, in sentences."""
         return list(self.summary["verdict"]["reasons"])
 
 
@@ -184,7 +184,7 @@ def read_result(folder: Path | str) -> Result:
         `MergeResult`, or for a batch a `Result`.
 
     Raises:
-        DataError: the folder does not exist, holds no result or one that is not finished, or its summary is damaged.
+        DataError: the folder does not exist, holds no finished result, or holds a damaged summary.
         ConfigError: `folder` is not a path.
 
     Example:
