@@ -257,12 +257,12 @@ class _Subject:
     """The recording or cloud that is audited, under a trajectory.
 
     Args:
-        sweeps: the points as the trajectory places them, divided into sweeps; a sweep of a recording is a scan.
+        sweeps: the points, placed by the trajectory and divided into sweeps; a sweep of a recording is a scan.
         track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
         settings: all settings, with the Doppler shift that was used.
         format: name of the layout of the recording or cloud.
         notes: what a user should know about how the recording or cloud was read.
-        place: returns the points as another trajectory with the same stamps places them.
+        place: returns the points, placed by another trajectory with the same stamps.
         warnings: faults of the recording, in sentences.
         source: the recording; None for a cloud.
     """
@@ -277,7 +277,7 @@ class _Subject:
     source: Source | None = None
 
     def place_poses(self, poses: se2.Array) -> Sweeps:
-        """Returns the points as poses (M, 3) [m, m, rad] at the stamps of `track` place them; needs a `track`."""
+        """Returns the points, placed by poses (M, 3) [m, m, rad] at the stamps of `track`, which must not be None."""
         assert self.track is not None
         return self.place(Trajectory(self.track.stamps_us, poses))
 
@@ -318,7 +318,7 @@ def _judge_sweeps(
 
     Args:
         subject: what is audited.
-        shown: the subject's points as the trajectory that is judged places them.
+        shown: the subject's points, placed by the trajectory that is judged.
         settings: all settings, with the limits of the verdict.
         work: where the work is done, and what reports on it.
         turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
@@ -384,11 +384,11 @@ def _read_given(
     """Returns the sensor's trajectory as it is given or read from a file, with notes for the user on how the file was read.
 
     The trajectory is None if `trajectory` names one that the recording carries. The other arguments are those of `audit`,
-    but `mount` holds its extrinsics as a pose (3,) [m, m, rad].
+    but `mount` holds the extrinsics as a pose (3,) [m, m, rad].
 
     Raises:
         ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, or the
-            offset is too large for one in seconds.
+            offset is longer than 3000 years, and therefore not in seconds.
         DataError: the file is not a trajectory.
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:

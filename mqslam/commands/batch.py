@@ -33,7 +33,7 @@ _AGAIN = "the same command continues the batch"
 
 
 class PlannedRun(Section):
-    """One entry of RUNS.yaml; its paths are relative to the folder of RUNS.yaml."""
+    """One entry of RUNS.yaml; paths are relative to the folder of RUNS.yaml, except the path of a front end's file."""
 
     data: Path = Field(description="the recording")
     name: str | None = Field(
@@ -84,8 +84,8 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:
     """Returns a name for each entry of RUNS.yaml: the given one, or the recording's own name.
 
-    If recordings in different folders have the same name, the names of folders above them are put before it, as many as are
-    needed to tell the recordings apart, such as `monday-drive` and `friday-drive`.
+    If recordings in different folders have the same name, names of the folders above them are put before this name, as
+    many as are needed to tell the recordings apart, such as `monday-drive` and `friday-drive`.
     """
     paths = [(folder / run.data).parts[1:] for run in runs]
     names = []
@@ -176,7 +176,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         The result that was written to `out`.
 
     Raises:
-        ConfigError: the file holds a mistake.
+        ConfigError: the plan cannot be read or holds a mistake.
         OutputError: the folder holds other results or cannot be written.
         ClusterError: the cluster is lost; the same call continues the batch.
     """

@@ -61,8 +61,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        frontends: names of front ends, each once, as a list or as a text separated by commas; `+gyro` after a name adds the
-            gyroscope to the pose graph of that front end.
+        frontends: names or Python files of front ends, each once, as a list or as a text separated by commas; `+gyro` after
+            a name adds the gyroscope to the pose graph of that front end.
         trajectories: trajectories to compare with, by the names of their rows; each is a `Trajectory`, the path of a file,
             or the two paths of a KITTI trajectory's poses and times.
         odometry_only: whether the front ends' motions are only chained, without pose graph and loops.

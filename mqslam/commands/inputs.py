@@ -74,7 +74,7 @@ def open_data(
         range_resolution: length of a range bin [m]; None takes the value in the settings or the recording.
         settings: all settings.
         strict: whether a recording with any fault is refused.
-        span: begin and end of the part that is used [s since the recording's start].
+        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
 
     Raises:
         ConfigError: the format is unknown, the range resolution cannot be a bin's length, or the span holds no scan.

@@ -17,7 +17,7 @@ ROOMS_CONFIG: Final = "rooms"
 
 
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings that were left at their defaults to a lidar; their lengths follow the unit of length of its scans."""
+    """Fits settings that were left at their defaults to a lidar; lengths are multiplied by the scans' unit of length."""
     return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
 
 
@@ -59,5 +59,5 @@ def sort_changes(before: Config, after: Config) -> Changes:
 
 
 def _is_same(one: Any, other: Any) -> bool:
-    """Returns whether two values of a setting are the same but for rounding."""
+    """Returns whether two values of a setting are equal, floats up to rounding."""
     return bool(one == other or (isinstance(one, float) and isinstance(other, float) and math.isclose(one, other)))

@@ -58,7 +58,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         data: the recording.
         out: folder for the results; it must not exist yet.
         map: folder of the earlier result, whose keyframes/ is read; the recording of that run is not needed.
-        frontend: name of the front end that measures the motions between scans.
+        frontend: name of the front end that measures motions between scans, or path of a Python file with a front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle, as for `run`.

@@ -131,15 +131,17 @@ def psi_factors(
 
     A run without loops has the same factors, and therefore the same optimum. A run's covariances also contain the error of
     the radar's scale, which all its lengths share. These factors do not contain this error, because the errors of factors
-    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user. A scan is
-    measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one scan is
-    placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors between
-    successive scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are
-    therefore poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
-    eliminated, every scan would be tied to all others of the drive, and no factor could have a robust loss. No factor fixes
-    the trajectory as a whole in the world: a prior or other factors must do that. Scans of a lidar between which the robot
-    hardly moved are left out, as in a run. The numbers of scans count only the scans that remain, which `scans` of the
-    result holds.
+    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
+
+    A scan is measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one
+    scan is placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors
+    between successive scans would treat these errors as independent, and make the path as a whole far too uncertain. The
+    submaps are therefore poses of the graph, with keys of their own and factors to their scans and to each other. If the
+    submaps were eliminated, every scan would be tied to all others of the drive, and no factor could have a robust loss. No
+    factor fixes the trajectory as a whole in the world: a prior or other factors must do that.
+
+    Scans of a lidar between which the robot hardly moved are left out, as in a run. The numbers of scans count only the
+    scans that remain, which `scans` of the result holds.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
@@ -148,7 +150,7 @@ def psi_factors(
             the result), with x forward and y to the left.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        frontend: name of the front end.
+        frontend: name of the front end, or path of a Python file with a front end.
         odometry: dead-reckoned poses of the sensor that cover the recording, or None. They guide the front end, and their
             motions, calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
             of the same wheels.

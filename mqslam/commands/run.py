@@ -68,7 +68,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        frontend: name of the front end.
+        frontend: name of the front end, or path of a Python file with a front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
@@ -117,7 +117,7 @@ class Job:
         recording: the recording, with notes on how its files and the files of the sensors were read.
         odometry: the odometry that the run uses, or None.
         settings: all settings.
-        frontend: name of the front end.
+        frontend: name of the front end, or path of a Python file with a front end.
         strict: whether a polar scan that cannot be read is an error.
         warnings: sentences on why odometry or sensors are not used; empty if all are used.
         sensors: the other sensors that the run uses.

@@ -1,4 +1,4 @@
-"""Computes psi of a window under a motion: the published psi with its parts, and the psi that the estimator minimises."""
+"""Computes psi, the score of a map, for a window under a motion: as published, and as the estimator minimises it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     format: str | None = None,
     range_resolution: float | None = None,
 ) -> dict[str, Any]:
-    """Computes psi of a window (several consecutive scans) of a recording under a motion.
+    """Computes psi, the score of a map, for a window (several consecutive scans) of a recording under a motion.
 
     Args:
         data: the recording.
@@ -79,7 +79,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
-    """Returns the returns of successive scans, and the start of the first scan [s since the recording's start].
+    """Detects the returns of successive scans; also returns the start of the first scan [s since the recording's start].
 
     Args:
         recording: the recording, of which only these scans are read.
