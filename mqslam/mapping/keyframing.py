@@ -1,4 +1,4 @@
-"""Makes the keyframes of a run, and renders their points at given poses of the keyframes."""
+"""Makes the keyframes of a run from its scans, and places the points of keyframes at given poses of the keyframes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mqslam.core.stored import make_stored, release
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 
-# Path [m] between the keyframes of a map.
+# Distance [m] along the path between two keyframes of a map.
 KEYFRAME_SPACING_M = 2.5
 
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Returns indices about spacing_m [m] apart on a path: the first index past each multiple of spacing_m.
+    """Returns the indices of points about `spacing_m` apart on a path: the first point at or after each multiple of it.
 
     Args:
-        travelled: (N,) length of the path up to each index [m].
-        spacing_m: distance between the indices along the path [m].
+        travelled: (N,) length of the path from its start to each point [m]; the first point is always picked.
+        spacing_m: distance between two picked points along the path.
     """
     marks = np.floor(travelled / spacing_m)  # number of multiples passed so far
     return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
@@ -38,14 +38,15 @@ def make_keyframes(
     recording: MappedRecording,
     beam: Beam,
 ) -> Keyframes:
-    """Makes the keyframes of a run from scans at equal distances; each is rendered once, as a rigid set of points.
+    """Makes the keyframes of a run: scans with returns, `KEYFRAME_SPACING_M` apart along the path, rendered as points.
 
     Args:
         scans: scans of the recording.
-        poses: (N, 3) poses of the radar at the start of each scan, in the frame of the first one.
-        covariances: (N, 3, 3) covariances of these poses in their own frames, or None if they are not known.
+        poses: (N, 3) pose of the sensor at the start of each scan: x, y [m], yaw [rad], in the frame of the first pose.
+        covariances: (N, 3, 3) covariance of each pose in x, y, yaw [m, rad], in the pose's own frame. None if they are not
+            known; the covariances of the keyframes are then NaN.
         recording: description of the recording that holds the scans.
-        beam: the sensor's errors.
+        beam: measurement errors of the sensor.
     """
     travelled, counts = se2.path_lengths(poses), scans.counts
     seen = np.flatnonzero(counts)
@@ -71,7 +72,15 @@ def make_keyframes(
 
 
 def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> NDArray[np.void]:
-    """Renders scan k of a trajectory in the frame of its start pose, as points (N,) of `KEYFRAME_POINT`."""
+    """Returns the returns of scan k as points (N,) of type `KEYFRAME_POINT`, in the sensor's frame at the scan's start.
+
+    Args:
+        scan: scan number k of a recording.
+        k: number of the scan.
+        times: (K,) start of every scan [s] since the recording's start.
+        poses: (K, 3) pose of the sensor at these times: x, y [m], yaw [rad].
+        beam: measurement errors of the sensor.
+    """
     returns = scan.returns
     first, last = max(k - 1, 0), min(k + 2, len(times))
     local = se2.between(poses[k], poses[first:last])
@@ -89,17 +98,18 @@ def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, be
 def place_keyframes(
     keyframes: Keyframes, chosen: Sequence[int] | NDArray[np.int64], frame: se2.Array, poses: se2.Array, beam: Beam
 ) -> PointSet:
-    """Renders the points of some keyframes in a given frame.
+    """Places the points of some keyframes in a given frame.
 
     Args:
         keyframes: keyframes of the map.
-        chosen: numbers of the keyframes to render.
-        frame: (3,) pose of the given frame, in the same frame as `poses` [m, m, rad].
-        poses: (K, 3) poses of all keyframes [m, m, rad].
-        beam: the sensor's errors.
+        chosen: numbers of the keyframes whose points are placed.
+        frame: (3,) pose of the given frame: x, y [m], yaw [rad], in the same frame as `poses`.
+        poses: (K, 3) poses of all keyframes: x, y [m], yaw [rad].
+        beam: measurement errors of the sensor.
 
     Returns:
-        The points, each with its time [s] since the start of its recording.
+        The points with their covariances, both in the given frame, and with times [s] since the start of their recording;
+        without Jacobians.
     """
     starts_us = np.array([recording.start_us for recording in keyframes.recordings])[keyframes.origins]
     parts: list[tuple[NDArray[np.float64], ...]] = []
@@ -120,21 +130,27 @@ def place_keyframes(
 
 
 def place_points(own: NDArray[np.void], pose: se2.Array, into: NDArray[np.float64]) -> None:
-    """Writes the points (N,) of a keyframe, placed by its pose (3,), into an array (N, 2) [m]."""
+    """Writes the x and y of a keyframe's points, converted to the map's frame, into an array.
+
+    Args:
+        own: (N,) points of type `KEYFRAME_POINT`, in the frame of the keyframe.
+        pose: (3,) pose of the keyframe in the map's frame: x, y [m], yaw [rad].
+        into: (N, 2) array that receives x, y [m].
+    """
     c, s = np.cos(pose[2]), np.sin(pose[2])
     into[:, 0] = pose[0] + c * own["x"] - s * own["y"]
     into[:, 1] = pose[1] + s * own["x"] + c * own["y"]
 
 
 class KeyframePoints(NamedTuple):
-    """The points of all keyframes in the frame of the map.
+    """The points of all keyframes in the map's frame.
 
     Args:
-        points: (N, 2) [m], map's frame, in the order of the keyframes, and within a keyframe in the order of time.
-        times: (N,) [s] since the start of the first recording; each further recording begins one turn of the radar after
-            the end of the recording before it.
+        points: (N, 2) x, y [m], in the order of the keyframes, and within a keyframe in the order of time.
+        times: (N,) time of each point [s]. It counts from the start of the first recording, and as if each further recording
+            began one turn of the sensor after the end of the previous recording.
         intensities: (N,) received power, 0..255.
-        starts: (K,) start of each keyframe on the same time scale as `times` [s].
+        starts: (K,) start of each keyframe's scan [s], counted like `times`.
     """
 
     points: NDArray[np.float64]
@@ -144,7 +160,7 @@ class KeyframePoints(NamedTuple):
 
 
 def render_keyframes(keyframes: Keyframes) -> KeyframePoints:
-    """Places the points of all keyframes in the frame of the map."""
+    """Converts the points of all keyframes to the map's frame."""
     lengths = (1e-6 * (one.end_us - one.start_us) + one.revolution_s for one in keyframes.recordings)
     begins = list(accumulate(lengths, initial=0.0))[:-1]
     firsts_us = np.array([recording.start_us for recording in keyframes.recordings])

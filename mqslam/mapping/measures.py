@@ -1,6 +1,8 @@
-"""Computes published measures of map quality without ground truth from the points of one window, for comparison with psi.
+"""Computes published measures of map quality from the points of one window, for comparison with psi.
 
-Their values depend on the place as much as on the trajectory, so that none of them alone can judge a map.
+The measures need no ground truth. Their values depend on the place as much as on the trajectory, so that no measure alone
+can judge a map. The neighbourhood of a point holds all points within `audit.radius_m` of that point. A sweep is one turn of
+the sensor.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from scipy.spatial import cKDTree
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 
-# Neighbourhoods of fewer points than this have no shape and are left out of the entropies.
+# Neighbourhoods of fewer points than this have no shape and are left out of the means.
 _FEWEST_NEIGHBOURS = 5
 # Log odds that a return adds to its cell of the evidence grid.
 _HIT_LOG_ODDS = 0.85
@@ -26,7 +28,7 @@ _MISS_LOG_ODDS = -0.4
 _LOG_ODDS_LIMIT = 3.5
 
 _LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that equal points have a finite entropy
-_LARGEST: Final = 2e7  # largest grid [cells]: points spread wider than this are torn apart, and their grid shows nothing
+_LARGEST: Final = 2e7  # largest grid [cells]: only points that are far off need a larger grid, which would show nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +36,14 @@ class Measures:
     """Measures of the map of one window; a low value means a crisp map.
 
     Args:
-        map_entropy: mean map entropy: mean differential entropy of the points' neighbourhoods [nat].
-        plane_variance: mean plane variance: mean of the smallest variance of each neighbourhood [m^2].
+        map_entropy: mean differential entropy of the points' neighbourhoods [nat].
+        plane_variance: mean, over the neighbourhoods, of the smallest variance along any direction [m^2].
         joint_entropy: mean, over the points, of the entropy of the neighbourhood in all sweeps minus the entropy of the
             neighbourhood in the point's own sweep [nat].
-        grid_entropy: entropy of the window's evidence grid, per cell that was seen [nat].
+        grid_entropy: mean entropy of the cells that were seen, in a grid of the evidence that cells are occupied [nat].
 
-    A measure is NaN if the window holds too few points for it. The grid's entropy is also NaN if the points lie too far
-    apart.
+    A measure is NaN if the window holds too few points to compute it. `grid_entropy` is also NaN if the points lie so far
+    apart that the grid would need too much memory.
     """
 
     map_entropy: float
@@ -56,9 +58,9 @@ def compute_measures(
     """Computes all measures of a window.
 
     Args:
-        points: (N, 2) m.
+        points: (N, 2) x, y [m], world frame.
         sweeps: (N,) number of the sweep that holds each point.
-        sensors: (N, 2) m, position of the sensor when it saw each point.
+        sensors: (N, 2) position x, y of the sensor when it saw each point [m], world frame.
         settings: settings of the audit.
 
     Source: mean map entropy and mean plane variance are from Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
@@ -80,12 +82,12 @@ def compute_measures(
 
 
 def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float) -> float:
-    """Computes the entropy per cell [nat] of the evidence grid of the beams from the sensor to the points.
+    """Computes the mean entropy [nat] of the cells that the beams from the sensor to the points cross or end in.
 
     Args:
-        points: (N, 2) m.
-        sensors: (N, 2) m, position of the sensor when it saw each point.
-        cell_m: side of the grid's cells [m].
+        points: (N, 2) x, y [m], world frame.
+        sensors: (N, 2) position x, y of the sensor when it saw each point [m], world frame.
+        cell_m: side of the grid's cells.
 
     Returns:
         The entropy; NaN if there are no points, or if the grid would need too much memory.
@@ -106,15 +108,15 @@ def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float6
 def accumulate_evidence(
     begins: NDArray[np.float64], ends: NDArray[np.float64], shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Accumulates the log odds that cells are occupied over all beams.
+    """Computes for each cell of a grid the log odds that it is occupied: beams that cross it lower them, ends raise them.
 
     Args:
-        begins: (N, 2) start of each beam, in cells.
-        ends: (N, 2) end of each beam, in cells.
-        shape: numbers of columns and rows of the grid.
+        begins: (N, 2) start x, y of each beam, in cells from the grid's corner.
+        ends: (N, 2) end x, y of each beam, in cells from the grid's corner.
+        shape: number of columns (along x) and number of rows (along y).
 
     Returns:
-        The log odds (columns, rows) that a cell is occupied, and whether each cell has been seen.
+        The log odds (columns, rows), and whether a beam crosses each cell or ends in it (columns, rows).
     """
     odds = np.zeros(shape)
     seen = np.zeros(shape, np.bool_)
@@ -133,15 +135,15 @@ def accumulate_evidence(
 
 
 def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], poses: se2.Array) -> NDArray[np.float64]:
-    """Interpolates the sensor's positions between the poses of sweeps.
+    """Interpolates the sensor's positions between its poses at the starts of sweeps.
 
     Args:
-        turns: (N,) times of the wanted positions, in sweeps: 2.5 lies midway between sweeps 2 and 3.
-        numbers: (S,) numbers of the sweeps, increasing.
-        poses: (S, 3) pose of the sensor at each of these sweeps [m, m, rad].
+        turns: (N,) times of the wanted positions, in sweeps: 2.5 lies midway between the starts of sweeps 2 and 3.
+        numbers: (S,) time at which each sweep starts, in sweeps, increasing.
+        poses: (S, 3) pose of the sensor at the start of each sweep: x, y [m], yaw [rad], world frame.
 
     Returns:
-        (N, 2) positions [m].
+        (N, 2) positions x, y [m], world frame.
     """
     return np.column_stack([np.interp(turns, numbers, poses[:, 0]), np.interp(turns, numbers, poses[:, 1])])
 
@@ -149,11 +151,13 @@ def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], pos
 def _measure_shapes(
     points: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the entropy [nat] and smallest variance [m^2] of each point's neighbourhood; NaN if it has too few points.
+    """Returns the entropy (N,) [nat] and the smallest variance (N,) [m^2] of each point's neighbourhood.
 
     Args:
-        points: (N, 2) m.
-        pairs: (M, 2) indices of two points that are neighbours.
+        points: (N, 2) x, y [m].
+        pairs: (M, 2) indices of two points that are neighbours; each pair is given once.
+
+    Both are NaN for a neighbourhood of fewer than `_FEWEST_NEIGHBOURS` points.
     """
     a, b = pairs.T
     offset = points[b] - points[a]
@@ -178,6 +182,6 @@ def _measure_shapes(
 
 
 def _mean(values: NDArray[np.float64]) -> float:
-    """Returns the mean of the finite values; NaN if there are none."""
+    """Returns the mean of the finite values among `values` (N,); NaN if no value is finite."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")

@@ -1,4 +1,4 @@
-"""Makes an occupancy grid of a point map, for nav2's map_server to load."""
+"""Makes the occupancy grid of a point map that nav2's map_server loads, and marks free cells by the beams of a lidar."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.scans import Scans
 from mqslam.core.stored import make_stored, release
 
-# The number of returns in a well-seen cell of the nav2 map is this percentile of the numbers in all cells. A cell counts as
-# occupied if it holds at least the square root of this number, so that the threshold follows the speed of the drive.
+# The number of returns in a well-seen cell is this percentile of the numbers of returns in the cells that hold any.
 _WELL_SEEN = 99.0
 
 MAX_SIDE = 20_000
@@ -26,16 +25,16 @@ _BLOCK = 200_000  # number of points or cells that are processed at a time: affe
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
     """Makes an occupancy grid of the points: cells with enough returns are occupied.
 
-    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell. This is
-    the geometric mean of n and of 1, which may be a stray return. The threshold therefore follows the speed of the drive and
-    the turn rate of the radar.
+    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell. The
+    threshold lies between n and 1, the number that a stray return leaves; it follows the speed of the drive and the turn
+    rate of the sensor, as n does.
 
     Args:
-        points: (N, 2) [m], world frame.
-        cell_m: side of a cell [m]; it is enlarged if the grid would be more than MAX_SIDE cells long.
+        points: (N, 2) x, y [m], world frame.
+        cell_m: side of a cell. The cells are made larger if the grid would be more than MAX_SIDE cells long.
 
     Returns:
-        The grid around the points; a single empty cell if there are no points.
+        The grid around the points; a single cell that is not occupied if there are no points.
     """
     resolution = cell_m
     if len(points) == 0:
@@ -65,12 +64,15 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
 
 
 def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
-    """Marks as free the cells that a lidar's beams passed through and that are not occupied.
+    """Marks the free cells of a grid: cells that are not occupied and that a beam of a lidar's scans passes through.
 
     Args:
-        grid: occupied cells.
-        scans: scans of the lidar.
-        poses: (N, 3) pose at the start of each scan.
+        grid: grid with the occupied cells.
+        scans: scans of the lidar; the lidar is taken to stand still during each scan.
+        poses: (N, 3) pose of the lidar at the start of each scan: x, y [m], yaw [rad], in the grid's frame.
+
+    Returns:
+        A new grid; free cells that the given grid holds are not kept.
     """
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
     for scan, pose in zip(scans, poses, strict=True):
@@ -81,11 +83,14 @@ def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyG
 
 
 def mark_free_by_keyframes(grid: OccupancyGrid, keyframes: Keyframes) -> OccupancyGrid:
-    """Returns a grid with the cells that beams of a lidar's keyframes passed through, and that are not occupied, as free.
+    """Marks the free cells of a grid: cells that are not occupied and that a beam of a lidar's keyframes passes through.
 
     Args:
-        grid: occupied cells.
-        keyframes: keyframes of the lidar's map, at their poses in the frame of the grid.
+        grid: grid with the occupied cells.
+        keyframes: keyframes of a lidar's map, with their poses in the grid's frame.
+
+    Returns:
+        A new grid; free cells that the given grid holds are not kept.
     """
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
     for pose, (begin, end) in zip(keyframes.poses, keyframes.rows.tolist(), strict=True):
@@ -111,7 +116,16 @@ def _pass_through(
     cell_m: float,
     origin: tuple[float, float],
 ) -> None:
-    """Marks the cells along beams from their starts (N, 2) [m] in directions (N, 2), up to one cell before each end."""
+    """Marks in `free` the cells that beams pass through, up to one cell before each beam's end.
+
+    Args:
+        free: (H, W) whether each cell is free; row 0 at the lowest y, column 0 at the lowest x.
+        ranges: (N,) length of each beam [m].
+        beams: (N, 2) unit vector along each beam, in the grid's frame.
+        starts: (N, 2) start x, y of each beam [m], in the grid's frame.
+        cell_m: side of a cell.
+        origin: x, y [m] of the lower left corner of cell (0, 0), in the grid's frame.
+    """
     rows, columns = free.shape
     for i in range(len(ranges)):
         for n in range(int(2.0 * (ranges[i] / cell_m - 1.0))):

@@ -1,4 +1,8 @@
-"""Renders the map of a run: places each return by the sensor's pose at the return's time, and scores all returns by psi."""
+"""Renders the map of a run: places each return by the sensor's pose at the return's time, and scores all points by psi.
+
+Psi of a map is the sum of the shares of its points. To save memory, points are scored in strips: parallel bands of the map
+along y. A strip consists of columns, which are `estimator.s` wide.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +27,17 @@ from mqslam.psi.neighbours import find_corner
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.score import evaluate, make_references
 
-# A scan is rendered if the sensor has moved this far [m] since the last rendered scan. Otherwise the scans of a standing
-# vehicle would outweigh all others in the map.
+# A scan is rendered if the sensor has moved at least this far [m] since the last rendered scan. Otherwise the scans of a
+# standing vehicle would outweigh all others in the map.
 TRAVEL_M = 0.1
-# A scan is also rendered if the sensor has turned by this much [rad] since the last rendered scan.
+# A scan is also rendered if the sensor has turned by at least this much [rad] since the last rendered scan.
 TRAVEL_RAD = 0.01
 
 # numbers of points or strips that are in memory at a time: they affect memory and speed only
 _PLACED = 100_000  # while points are placed, and while the points of a strip are searched
 _SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
-_LAST_COLUMN = 2**22  # column number of all points that lie even farther out
+_LAST_COLUMN = 2**22  # largest number of a column; it also holds all points that lie farther out
 _Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # numbers of points, shares, whether matched
 
 
@@ -44,13 +48,13 @@ def render(
     beam: Beam,
     engine: Engine = HERE,
 ) -> PointMap:
-    """Renders the map of a run, with each point's share of psi.
+    """Renders the map of a run, with each point's share of psi; scans from which the sensor hardly moved are left out.
 
     Args:
         scans: scans of the recording.
-        poses: (len(scans), 3) pose at the start of each scan.
+        poses: (len(scans), 3) pose of the sensor at the start of each scan: x, y [m], yaw [rad], in the map's frame.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: measurement errors of the sensor.
         engine: engine that scores the points; the result does not depend on it.
 
     Raises:
@@ -67,14 +71,14 @@ def render(
 def render_track(
     what: str, scans: Scans, track: Trajectory, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> PointMap:
-    """Renders the map under a trajectory. If this fails, returns an empty map and warns: the trajectory is still useful.
+    """Renders the map under a trajectory; if this fails, adds a warning and returns an empty map, so that the run goes on.
 
     Args:
         what: name of the map in the warning.
         scans: scans of the recording.
-        track: poses at the starts of the scans.
+        track: poses of the sensor at the starts of the scans, in the map's frame.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: measurement errors of the sensor.
         runner: does the work, and collects the warning.
     """
     rendered = PointMap.empty()
@@ -84,12 +88,12 @@ def render_track(
 
 
 class Placed(NamedTuple):
-    """The returns of scans, placed along a trajectory; large arrays are kept in temporary files.
+    """The returns of scans as points along a trajectory; large arrays lie in temporary files.
 
     Args:
-        points: the points, in the order of the scans.
-        intensities: (N,) received power of each point.
-        ranges_m2: sum of the squares of the points' ranges [m^2].
+        points: the points in the frame of the trajectory, in the order of the scans, without Jacobians.
+        intensities: (N,) received power of each point, 0..255.
+        ranges_m2: sum over the points of the squared distance from the sensor [m^2].
     """
 
     points: PointSet
@@ -102,9 +106,9 @@ def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam
 
     Args:
         scans: the scans to place.
-        times: (K,) times of the poses [s].
-        poses: (K, 3) poses of the sensor, world frame.
-        beam: the sensor's errors.
+        times: (K,) times of the poses [s] since the recording's start, increasing.
+        poses: (K, 3) poses of the sensor: x, y [m], yaw [rad], world frame.
+        beam: measurement errors of the sensor.
     """
     ends = np.cumsum([0, *scans.counts])
     count = int(ends[-1])
@@ -124,10 +128,10 @@ def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam
 
 
 def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
-    """Selects the poses that differ from the last selected pose, so that a place where the vehicle stands is rendered once.
+    """Selects the first pose, and then each pose that is at least TRAVEL_M or TRAVEL_RAD from the last selected pose.
 
     Args:
-        poses: (N, 3) poses [m, m, rad].
+        poses: (N, 3) poses x, y [m], yaw [rad], at least one.
 
     Returns:
         Whether each pose is selected (N,).
@@ -143,13 +147,16 @@ def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
 
 
 def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> PointSet:
-    """Places each return by the pose at its own time, on a smooth curve through the given poses.
+    """Places each return by the sensor's pose at the return's time, from a smooth curve through the given poses.
 
     Args:
         returns: the returns to place.
-        times: (K,) times of the poses [s].
-        poses: (K, 3) poses of the sensor, world frame.
-        beam: the sensor's errors.
+        times: (K,) times of the poses [s] since the recording's start, increasing.
+        poses: (K, 3) poses of the sensor: x, y [m], yaw [rad], world frame.
+        beam: measurement errors of the sensor; its Doppler shift is removed from the ranges.
+
+    Returns:
+        The points in the world frame, in the order of the returns, without Jacobians.
     """
     at = se2.find_poses_of_returns(times, poses, returns.times)
     ranges = returns.ranges
@@ -171,17 +178,17 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
 def score_points(
     points: PointSet, revolution_s: float, estimator: EstimatorConfig, engine: Engine
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Scores each point against all others by psi.
+    """Scores each point of a map against its neighbours in the map by psi.
 
     Args:
-        points: points of the map.
-        revolution_s: duration of a turn of the radar [s].
+        points: the N points of the map.
+        revolution_s: usual duration of a turn of the sensor.
         estimator: settings of the score.
         engine: engine that scores the points; the result does not depend on it.
 
     Returns:
-        Each point's share of psi (N,), including the charge for an unmatched point, and whether the point was matched
-        (N,). A matched point has a neighbour that was seen at least about one turn earlier or later.
+        Each point's share of psi (N,), including the charge for an unmatched point, and whether each point is matched (N,).
+        A matched point has a neighbour that the sensor saw about one turn or more earlier or later.
     """
     columns = make_stored((len(points),), np.int32)
     corner, parts = _find_corner(points.points), _split(len(points), _PLACED)
@@ -206,7 +213,7 @@ def score_points(
 
 
 def _find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the smallest x and y (2,) [m] of points (N, 2); there must be at least one point."""
+    """Returns the smallest x and the smallest y (2,) [m] of points (N, 2), of which there must be at least one."""
     corners = [find_corner(points[part]) for part in _split(len(points), _PLACED)]
     release(points)
     return np.asarray(np.min(corners, axis=0))
@@ -218,10 +225,10 @@ def _split(count: int, size: int) -> list[slice]:
 
 
 def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Splits columns into strips of about `_SCORED` points; returns each strip's first column and the column after its last.
+    """Returns strips of about `_SCORED` points, each as the number of its first column and of the column after its last one.
 
     Args:
-        counts: number of points in each column.
+        counts: (C,) number of points in each column.
     """
     ends = np.cumsum(counts)
     strips, begin = list[tuple[int, int]](), 0
@@ -236,10 +243,15 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
 ) -> _Scores:
-    """Scores a strip's points against all points in the strip and next to it.
+    """Scores the points of a strip against all points in the strip and next to it.
+
+    Args:
+        shared: the N points of the map, the column (N,) of each point, the corner (2,) [m] that columns count from, the
+            duration of a turn of the sensor [s], and the settings of the score.
+        strip: number of the strip's first column, and of the column after its last one.
 
     Returns:
-        The numbers of the strip's points, their shares of psi, and whether each was matched.
+        The numbers of the strip's points in the map (M,), their shares of psi (M,), and whether each is matched (M,).
     """
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)
@@ -261,7 +273,7 @@ def _score_strip(
 
 
 def _take_points(points: PointSet, chosen: NDArray[np.int64]) -> PointSet:
-    """Returns the chosen points, without Jacobians."""
+    """Returns the points with the indices `chosen` (M,), without Jacobians."""
     taken = PointSet(points.points[chosen], np.empty((len(chosen), 2, 0)), points.covariances[chosen], points.times[chosen])
     release(points.points, points.covariances, points.times)
     return taken
