@@ -1,4 +1,4 @@
-"""Shows a map from above in a window of Open3D; the keys P, I and T choose its colours."""
+"""Shows a map from above in a window of Open3D; the keys P, I and T colour its points by psi, intensity or time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.execution.extras import describe_missing
 from mqslam.viewer.scene import GROUND, LOOPS, TRAJECTORY, RunScene, colour_over_span, has_display, lift
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
-_FRAME_S = 0.02  # time between two frames
+_FRAME_S = 0.02  # time between two updates of the window
 _ABOVE_M = 0.05  # height of lines above the points, so that no point hides a line
 
 
@@ -22,10 +22,10 @@ def show(scene: RunScene, colour: str) -> None:
 
     Args:
         scene: the scene.
-        colour: name of the values that colour the points at first, one of KEYS.
+        colour: name of the values that colour the points at first: a name in both `KEYS` and `scene.values`.
 
     Raises:
-        ViewerError: there is no display, or Open3D is not installed.
+        ViewerError: there is no display, or Open3D cannot use it or cannot be imported.
     """
     shown = open_window(scene, colour)
     while shown.poll_events():  # Open3D's own loop would not react to Ctrl-C
@@ -35,14 +35,17 @@ def show(scene: RunScene, colour: str) -> None:
 
 
 def open_window(scene: RunScene, colour: str) -> Any:
-    """Opens an Open3D visualizer that shows a scene from above and reacts to the keys.
+    """Opens a window of Open3D that shows a scene from above and changes its colours by `KEYS`.
 
     Args:
         scene: the scene.
-        colour: name of the values that colour the points at first, one of KEYS.
+        colour: name of the values that colour the points at first: a name in both `KEYS` and `scene.values`.
+
+    Returns:
+        The window, an `open3d.visualization.VisualizerWithKeyCallback`.
 
     Raises:
-        ViewerError: there is no display, or Open3D cannot use it or is not installed.
+        ViewerError: there is no display, or Open3D cannot use it or cannot be imported.
     """
     if not has_display():
         raise ViewerError("there is no display to open a window on", Remedy.OPEN_MAP_ELSEWHERE)
@@ -79,7 +82,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
 
 
 def _make_lines(scene: RunScene) -> list[Any]:
-    """Returns the trajectory and the loop closures as line sets of Open3D; empty ones are left out."""
+    """Returns Open3D line sets: one for the trajectory and one for the loop closures, each left out if it has no line."""
     import open3d as o3d
 
     poses = o3d.utility.Vector3dVector(lift(scene.trajectory.poses[:, :2], _ABOVE_M))

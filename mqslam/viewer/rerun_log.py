@@ -1,4 +1,4 @@
-"""Logs a map for Rerun's viewer scan by scan: to a file, or to an open viewer while the map is measured."""
+"""Logs a map scan by scan for Rerun's viewer: to an .rrd file, or to an open viewer while a run tracks the scans."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _HEADING_M = 3.0  # length of the arrow that shows the sensor's pose
 
 
 class RerunLog:
-    """A Rerun recording that grows along its time line.
+    """A map that is written to Rerun scan by scan, along a time line in seconds.
 
     Args:
-        recording: an open `rerun.RecordingStream`.
+        recording: the open `rerun.RecordingStream` to write to.
     """
 
     def __init__(self, recording: Any) -> None:
@@ -41,13 +41,13 @@ class RerunLog:
         recording.log("radar/heading", rr.Arrows3D(vectors=[[_HEADING_M, 0.0, 0.0]], colors=[TRAJECTORY]), static=True)
 
     def add_scan(self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
-        """Adds a scan: its points, the sensor's pose at its start, and a line to that pose from the previous one.
+        """Adds a scan: its points, the sensor's pose at its start, and a line from the pose of the scan added before.
 
         Args:
             t: start of the scan [s] since the recording's start.
-            pose: (3,) pose of the sensor at that time, world frame.
-            points: (N, 2) [m] world frame.
-            colours: (N, 3) colours of the points.
+            pose: (3,) pose of the sensor at that time: x, y [m], yaw [rad], world frame.
+            points: (N, 2) x, y [m] of the scan's returns, world frame.
+            colours: (N, 3) red, green, blue of each point, 0..255.
         """
         import rerun as rr
 
@@ -65,8 +65,8 @@ class RerunLog:
         """Adds a finished map, scan by scan, and its loop closures.
 
         Args:
-            scene: the scene.
-            colour: name of the values that the points are coloured by.
+            scene: the map to add.
+            colour: name of the values in `scene.values` that colour the points.
         """
         times, colours = scene.start_times, colour_over_span(scene.values[colour])
         ends = np.append(np.searchsorted(scene.values["time"], times[1:]), len(scene.points))
@@ -80,25 +80,25 @@ class RerunLog:
             self._recording.log("loops", _make_lines(scene.trajectory.poses[scene.loops, :2], LOOPS), static=True)
 
     def watch(self, scan: Scan, pose: se2.Array, points: NDArray[np.float64]) -> None:
-        """Adds a scan as it is measured, with its points coloured by intensity.
+        """Adds a scan that a run has just tracked, with its points coloured by intensity.
 
         Args:
             scan: the scan.
-            pose: (3,) pose of the sensor at the start of the scan, world frame.
-            points: (N, 2) [m] returns of the scan, world frame.
+            pose: (3,) pose of the sensor at the start of the scan: x, y [m], yaw [rad], world frame.
+            points: (N, 2) x, y [m] of the scan's returns, world frame.
         """
         self.add_scan(scan.t0, pose, points, colour_between(scan.returns.intensities, 0.0, 255.0))
 
 
 @contextmanager
 def record(path: Path) -> Iterator[RerunLog]:
-    """Opens a log that becomes an .rrd file when the block ends without an error.
+    """Opens a log that is written to an .rrd file; the file appears only if the `with` block ends without an error.
 
     Args:
-        path: the file.
+        path: the .rrd file.
 
     Yields:
-        the log.
+        The log.
 
     Raises:
         ViewerError: Rerun is not installed.
@@ -115,10 +115,10 @@ def record(path: Path) -> Iterator[RerunLog]:
 
 @contextmanager
 def stream() -> Iterator[RerunLog]:
-    """Opens a log and a viewer that shows the log as it grows; the viewer stays open after the block.
+    """Opens a log, and Rerun's viewer, which shows the log as it grows and stays open after the `with` block.
 
     Yields:
-        the log.
+        The log.
 
     Raises:
         ViewerError: Rerun is not installed, or there is no display.
@@ -138,7 +138,7 @@ def open_viewer(*files: Path) -> None:
     """Opens Rerun's viewer, which stays open after this process.
 
     Args:
-        files: .rrd files to show; without any, the viewer waits for what is streamed to it.
+        files: .rrd files to show; if none is given, the viewer waits for a log that is streamed to it.
     """
     command = [sys.executable, "-m", "rerun", *map(str, files)]  # the command `rerun` may not be on the PATH
     subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -153,7 +153,7 @@ def _open_recording() -> Any:
 
 
 def _make_blueprint() -> Any:
-    """Returns a layout of one view, which shows everything from the beginning up to the time line's cursor."""
+    """Returns a layout for Rerun: one view of all that was logged from the beginning up to the time line's cursor."""
     import rerun.blueprint as rrb
 
     so_far = rrb.VisibleTimeRange(
@@ -163,7 +163,7 @@ def _make_blueprint() -> Any:
 
 
 def _make_lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> Any:
-    """Returns L segments (L, 2, 2) [m], given by the x and y of both ends, as lines of Rerun."""
+    """Returns segments (L, 2, 2), each given by x, y [m] of both ends, as lines of Rerun in a colour red, green, blue."""
     import rerun as rr
 
     return rr.LineStrips3D([lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)

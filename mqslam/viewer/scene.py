@@ -24,19 +24,20 @@ from mqslam.mapping.keyframing import render_keyframes
 GROUND = (0x10, 0x14, 0x1A)
 TRAJECTORY = (0xFF, 0xFF, 0xFF)
 LOOPS = (0xF2, 0x4B, 0xC4)
-_DIM = 0.35  # share of the colour map at its dark end that is not used: it would not stand out from the ground
+_DIM = 0.35  # share of the colour map at its dark end that is not used, since it would not stand out from the ground
 
 
 @dataclass(frozen=True, slots=True)
 class RunScene:
-    """A map, the trajectory through it and its loop closures.
+    """A map of K scans, the trajectory along which it was made, and its loop closures.
 
     Args:
-        name: name of the run.
-        points: (N, 2) [m], world frame, ordered by time.
-        values: (N,) values by name: psi, intensity 0..255, time [s] since the recording's start; keyframes have no psi.
+        name: name of the folder that the map was read from.
+        points: (N, 2) x, y [m], world frame, ordered by time.
+        values: values (N,) of the points by name: "psi" (absent for keyframes), "intensity" 0..255, and "time" [s] since the
+            start of the (first) recording.
         trajectory: pose of the sensor at the start of every scan, world frame.
-        loops: (L, 2) numbers of the two scans of every loop closure.
+        loops: (L, 2) numbers of the two scans that each loop closure connects.
         starts: (S,) numbers of the scans with which a further recording begins; empty for a single recording.
     """
 
@@ -49,20 +50,20 @@ class RunScene:
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """(K,) start of every scan [s] since the recording's start."""
+        """Start (K,) of every scan [s] since the recording's start."""
         return self.trajectory.seconds(int(self.trajectory.stamps_us[0]))
 
 
 def read_scene(run: Path) -> RunScene:
     """Reads the map, trajectory and loop closures of a run from its map.ply, trajectory.tum and graph.g2o.
 
-    Where there is no map.ply, the scene shows the keyframes in the folder.
+    Where there is no map.ply, the scene consists of the keyframes in the folder, without loop closures.
 
     Args:
-        run: folder of the run's results, or one that holds keyframes.
+        run: folder of a run's results, or a folder that holds keyframes.
 
     Raises:
-        DataError: the folder holds neither a map.ply nor keyframes, or a file in it is damaged.
+        DataError: the folder holds neither a map.ply nor keyframes, or a file is missing or damaged.
     """
     name = run.resolve().name
     if not (run / "map.ply").is_file():
@@ -79,7 +80,7 @@ def read_scene(run: Path) -> RunScene:
 
 
 def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
-    """Returns keyframes as a scene; the times of each recording begin where those of the previous recording end."""
+    """Returns the keyframes of a map as a scene; the times of each recording continue after the end of the previous one."""
     points = render_keyframes(keyframes)
     return RunScene(
         name=name,
@@ -91,7 +92,18 @@ def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
 
 
 def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
-    """Reads the loop closures (L, 2) of a pose graph, which are its edges between scans that do not follow each other."""
+    """Reads the loop closures of a pose graph: its edges between scans that do not follow each other.
+
+    Args:
+        path: the graph, a g2o file.
+        scans: number of scans, whose poses come first in the graph.
+
+    Returns:
+        (L, 2) numbers of the two scans that each loop closure connects.
+
+    Raises:
+        DataError: the graph has fewer poses than scans, or an edge to a pose that it does not hold.
+    """
     edges, poses = read_edges(path)
     if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
         raise DataError(path, f"does not fit the {scans} poses of trajectory.tum", "run the recording again")
@@ -100,12 +112,12 @@ def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
 
 
 def lift(points: NDArray[np.float64], z: float = 0.0) -> NDArray[np.float64]:
-    """Returns points (N, 2) [m] as points (N, 3) at height z [m]."""
+    """Returns points (N, 2) x, y [m] as points (N, 3) x, y, z [m] at the height `z` [m]."""
     return np.column_stack([points, np.full(len(points), z)])
 
 
 def colour_between(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.uint8]:
-    """Returns colours (N, 3) of values (N,): dim at `low` and below, bright at `high` and above."""
+    """Returns colours (N, 3) red, green, blue, 0..255, of values (N,): dim up to the value `low`, bright from `high` on."""
     from matplotlib import colormaps
 
     share = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)
@@ -113,13 +125,13 @@ def colour_between(values: NDArray[np.float64], low: float, high: float) -> NDAr
 
 
 def colour_over_span(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Returns colours (N, 3) of values (N,): dim up to their 1 % quantile, bright from their 99 % quantile on."""
+    """Returns colours (N, 3) of values (N,) as `colour_between` does: dim up to their 1 % quantile, bright from 99 % on."""
     low, high = np.quantile(values, [0.01, 0.99]) if len(values) else (0.0, 1.0)
     return colour_between(values, float(low), float(high))
 
 
 def has_display() -> bool:
-    """Returns whether there is a screen; without one, libraries would draw into a window that nobody sees."""
+    """Returns whether there is a screen to open a window on; systems other than Linux are assumed to have a screen."""
     if sys.platform != "linux" or "WAYLAND_DISPLAY" in os.environ:
         return True
     try:
