@@ -1,1 +1,1 @@
-"""Writes the result files of commands: a module each for run, audit, compare, batch, merge and localise."""
+"""Writes the result files of commands: one module for each of run, audit, compare, batch, merge and localise."""

@@ -1,4 +1,4 @@
-"""Writes an audit for build servers: what is worse than in an earlier audit, as Markdown and as JUnit's XML."""
+"""Writes an audit in the forms that build servers show: Markdown and JUnit's XML, with what is worse than before."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _GRAVEST_FIRST = [status.value for status in GRAVEST_FIRST]
 
 
 def list_worse(summary: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
-    """Returns a sentence for each test, and for the verdict, that is worse than in an earlier audit.
+    """Returns a sentence on the verdict and on each test whose status is worse than in an earlier audit, the verdict first.
 
     Args:
         summary: content of audit.json.
-        baseline: content of the audit.json of the earlier audit.
+        baseline: content of the audit.json of the earlier audit; tests that only one of the audits has are not compared.
     """
     now, before = ({"verdict": one["verdict"], **one["tests"]} for one in (summary, baseline))
     worse = []
@@ -34,7 +34,7 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
     """Writes audit.md and junit.xml, the forms of an audit that build servers show.
 
     Args:
-        folder: the folder of the audit's results.
+        folder: the existing folder of the audit's results.
         summary: content of audit.json.
 
     Raises:
@@ -45,7 +45,7 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
 
 
 def format_markdown(summary: Mapping[str, Any]) -> str:
-    """Returns an audit as Markdown: the verdict, what got worse, and a table of the tests."""
+    """Returns the content of audit.json as Markdown: the verdict, what is worse than before, and a table of the tests."""
     verdict, baseline = summary["verdict"], summary.get("baseline")
     blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
     if baseline is not None:
@@ -58,12 +58,15 @@ def format_markdown(summary: Mapping[str, Any]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Escapes everything in a text that could be Markdown or HTML, since parts of the text come from users."""
+    """Escapes all characters in a text that could be Markdown or HTML, since parts of the text come from users."""
     return "".join(f"\\{c}" if c in "\\`*_[]|<>#" else c for c in show(text))
 
 
 def format_junit(summary: Mapping[str, Any]) -> bytes:
-    """Returns an audit as JUnit's XML: a test fails if its status is fail, or worse than in the earlier audit."""
+    """Returns the content of audit.json as JUnit's XML, with one test case for each test and one for the verdict.
+
+    A case fails if its status is `fail` or is worse than in the earlier audit; else a case that was not judged is skipped.
+    """
     baseline = summary.get("baseline")
     worse = {} if baseline is None else {sentence.split(" is ")[0]: sentence for sentence in baseline["worse"]}
     cases = []

@@ -1,4 +1,9 @@
-"""Writes the results of an audit: its numbers as JSON, and the judgement of every window, revisit, step and span as CSV."""
+"""Writes the results of an audit: its numbers as JSON, and the judgement of every window, revisit, step and span as CSV.
+
+A step lies between two successive scans; a jump is a step at which the map jumps. A revisit is a place that the trajectory
+comes back to, a span a stretch of path; the scans at the ends of both are registered on each other, to measure an offset. A
+sweep is a scan, or one turn of the sensor in a point cloud. An item is torn if it is off by more than chance and tolerance.
+"""
 
 from __future__ import annotations
 
@@ -116,7 +121,7 @@ def _sigmas(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _known(p_value: float) -> float | None:
-    """Returns a p-value; None where it is NaN, because nothing was judged."""
+    """Returns a p-value, or None if it is NaN because nothing was judged."""
     return p_value if np.isfinite(p_value) else None
 
 
@@ -125,7 +130,7 @@ def _names(columns: Columns) -> list[str]:
 
 
 def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[dict[str, Any]]:
-    """Returns one row per item; a row maps the name of each column to its value."""
+    """Returns one row per window, revisit, step or span; a row maps the name of each column to its value."""
     names = _names(columns)
     rows = []
     for item in items:
@@ -204,16 +209,16 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns by name the number of torn items, and the confidence bounds of their true share."""
+    """Returns entries of audit.json: the number of torn items, and bounds of their true share at the `CONFIDENCE`."""
     bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
     return {"torn": torn.count, **bounds}
 
 
 def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
-    """Returns the entry of audit.json on the mended trajectory: how it was mended, and its own audit.
+    """Returns the entry of audit.json on the mended trajectory: how it was mended, and its own audit without `_OF_BOTH`.
 
     Args:
-        mended: the trajectory and its audit.
+        mended: the mended trajectory and its audit.
         given: content of audit.json on the given trajectory.
         config: all settings.
     """
@@ -232,10 +237,10 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
 
 
 def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
-    """Returns the result of mending as a sentence.
+    """Returns the result of mending in one or two sentences.
 
     Args:
-        mended: the trajectory and its audit.
+        mended: the mended trajectory and its audit.
         given: content of audit.json on the given trajectory.
     """
     before = given["verdict"]["status"]
@@ -258,7 +263,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns a line for each thing that could not be judged in a map, and why.
+    """Returns a line for each test that could judge nothing, and for each reason why windows are undecided.
 
     Args:
         audit: judgement of the map.
@@ -273,7 +278,7 @@ def list_unjudged(audit: Audit) -> list[str]:
 
 
 def _list_uncovered(sweeps: Sweeps) -> list[str]:
-    """Returns a line for each stretch longer than a window in which scans have no poses, or poses have no scans."""
+    """Returns a line on scans without poses, and one on times with poses but without points, if longer than a window."""
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
         return []
@@ -290,7 +295,7 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
 
 
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:
-    """Returns the results of the speed checks, and the largest errors that windows and speed checks can find."""
+    """Returns the entry `speeds` of audit.json: results of the speed checks, and the largest errors that can be found."""
     sure = [w.speed for w in audit.windows if w.speed is not None and w.speed.sure]
     capture = audit.capture
     return {
@@ -312,7 +317,10 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def summarise_audit(audit: Audit) -> dict[str, Any]:
-    """Returns the numbers of steps, spans, sums and pooled errors, and psi divided by the lowest psi of the same returns."""
+    """Returns entries of audit.json on steps, spans, sums of spans, errors of the whole trajectory, and final psi.
+
+    Final psi is psi divided by the lowest psi that the same returns can have; None if no window or revisit shows it.
+    """
     return {
         "final_psi": {
             "over_best_of_windows": audit.compute_psi_over_best(),
@@ -335,10 +343,10 @@ def summarise_audit(audit: Audit) -> dict[str, Any]:
 
 
 def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfig) -> dict[str, Any]:
-    """Returns the findings of each test of a map by its name, and the p-value below which a test may call a map bad.
+    """Returns two entries of audit.json: the findings of each test, and the p-value below which a test may call a map bad.
 
     Args:
-        tests: findings of each test by its name.
+        tests: findings of each test, by the test's name.
         bounds: settings of the verdict.
     """
     return {
@@ -348,7 +356,10 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns by name the errors of the whole trajectory by all spans together; only a count of 0 spans if unknown."""
+    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show together.
+
+    If the errors are not known, the entry only says that 0 spans show them.
+    """
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
@@ -361,7 +372,12 @@ def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 
 def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
-    """Returns values (N,), their standard deviations (N,) and their p-values (N,) by the names of their axes."""
+    """Returns three numbers per axis by name, such as `left_m`, `left_m_sigma` and `left_m_p_value`.
+
+    Args:
+        names: names of the N axes.
+        parts: values (N,), their standard deviations (N,) and their p-values (N,).
+    """
     endings = ("", "_sigma", "_p_value")
     return {
         f"{name}{ending}": float(part[axis])
@@ -384,7 +400,7 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: 
         folder: the folder.
         config: all settings.
         summary: content of audit.json.
-        word: returns a text of run.log, audit.md or junit.xml with its remedies in other words.
+        word: returns a text with its remedies in the words of the caller; it is applied to run.log, audit.md and junit.xml.
 
     Raises:
         OutputError: a file cannot be written.
@@ -403,7 +419,7 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: 
 
 
 def _word_texts(value: Any, word: Callable[[str], str]) -> Any:
-    """Returns a part of a summary with every text in other words."""
+    """Returns a part of a summary with each text replaced by what `word` returns for it; a status stays as it is."""
     if isinstance(value, Mapping):
         return {key: _word_texts(one, word) for key, one in value.items()}
     if isinstance(value, list | tuple):

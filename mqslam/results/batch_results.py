@@ -1,4 +1,4 @@
-"""Writes the results of a batch besides those of its runs: the numbers of all runs as JSON and CSV."""
+"""Writes the table of a batch, with the numbers of all its runs, as JSON and CSV; each run writes its own results."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Order:
         imu: `auto`, `none` or a file for the gyroscope.
         gnss: `auto`, `none` or a file for the GNSS fixes.
         extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
-        frame: whose poses are written: `radar` or `vehicle`.
-        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
+        frame: `radar` or `vehicle`, the one whose poses are written.
+        span: begin and end of the part that is used [s since the recording's start]; None for either is the recording's own.
     """
 
     name: str
@@ -47,11 +47,11 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """The result of a run of a batch.
+    """The result of one run of a batch.
 
     Args:
         summary: content of the run's summary.json; None if the run failed.
-        failure: why the run failed; None if it did not.
+        failure: why the run failed; None if the run succeeded.
         kept: whether the result comes from an earlier batch and was not computed again.
     """
 
@@ -80,7 +80,12 @@ def check_batch(out: Path, *, force: bool) -> None:
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
-    """Returns the content of batch.json; the runs that failed come first, then the worst maps."""
+    """Returns the content of batch.json; runs that failed come first, the others follow from the worst verdict to the best.
+
+    Args:
+        orders: the runs of the batch.
+        outcomes: the result of each run, in the same order.
+    """
     runs = [_list_run(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
     runs.sort(key=lambda run: (None, *GRAVEST_FIRST).index(run["verdict"]))
     states = [run["verdict"] or "failed" for run in runs]
@@ -97,7 +102,7 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[s
 
 
 def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
-    """Returns the numbers of a run; numbers that a failed run lacks are None."""
+    """Returns the row of a run in batch.json; numbers that a failed run lacks are None."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
     verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}
@@ -127,10 +132,10 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
 
 
 def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
-    """Writes the numbers of all runs into the batch's folder, where the runs' own folders are.
+    """Writes batch.csv and batch.json, which hold the numbers of all runs.
 
     Args:
-        out: the folder.
+        out: the batch's folder, which also holds the folders of the runs.
         summary: content of batch.json.
 
     Raises:

@@ -30,13 +30,13 @@ from mqslam.version import __version__
 
 
 class _Column(NamedTuple):
-    """A column of the table.
+    """A column of the table that compares the rows.
 
     Args:
         key: key of the value in a row of compare.json.
         head: heading of the column.
-        form: format of a value.
-        arrow: which values are better: smaller (↓), larger (↑), nearer to 1 (→ 1); empty where no value is better.
+        form: format of a value, such as `{:.3f}`.
+        arrow: which values are better: smaller (↓), larger (↑), or nearer to 1 (→ 1); empty if no value is better.
     """
 
     key: str
@@ -73,7 +73,7 @@ _COLUMNS: Final = (
 
 
 def summarise(comparison: Comparison) -> dict[str, Any]:
-    """Returns the content of compare.json."""
+    """Returns the content of compare.json: the numbers of each row of the comparison, and what they show together."""
     recording = comparison.recording
     judged, across, best = comparison.judged, comparison.psi_across, comparison.best
     return {
@@ -102,7 +102,14 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
 
 
 def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
-    """Returns the numbers of a row; for a row that failed, only its name and failure."""
+    """Returns the entry of compare.json on a row; for a row that failed, only its name and failure.
+
+    Args:
+        row: the front end or trajectory.
+        judged: its map, judged; None if the row failed.
+        across: psi across passes; None if it is not known.
+        scans: number of scans of the recording.
+    """
     if judged is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.sure]
@@ -146,7 +153,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
 
 
 def _find_median_inflation(audit: Audit) -> float | None:
-    """Returns the median inflation; None if half of the windows or more are undecided or contradicted by their speed."""
+    """Returns the median inflation of windows; None if half of them or more are undecided or contradicted by their speed."""
     unknown = [w.undecided is not None or contradicts(w.speed, audit.capture) for w in audit.windows]
     values = [np.inf if no else w.bend.inflation for w, no in zip(audit.windows, unknown, strict=True)]
     median = float(np.median(values)) if values else np.inf
@@ -156,15 +163,15 @@ def _find_median_inflation(audit: Audit) -> float | None:
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
     """Returns the table of a comparison as text for people.
 
-    Columns without values are left out. Psi per point has no column: it only compares scans that follow each other, so a
-    worse map may have a smaller value.
+    Columns without values are left out. Psi per point has no column, because a worse map may have a smaller value: it only
+    compares scans that follow each other.
 
     Args:
         summary: content of compare.json.
 
     Returns:
-        the lines of the table, the head first, in which arrows show whether less or more is better; and (line, column) of
-        each best value, for columns in which two rows or more have a value. Values with the same text are equally good.
+        The lines of the table, each a list of cells, with the head as line 0, and (line, column) of each best value. Only
+        columns with an arrow, and with values in two rows or more, have best values; values with one text are equally good.
     """
     rows: list[dict[str, Any]] = summary["rows"]
     shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
@@ -178,7 +185,12 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 
 
 def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
-    """Returns a table as Markdown, with the best values bold; the arguments are what `tabulate` returns."""
+    """Returns a table as Markdown, with the best values bold.
+
+    Args:
+        cells: the lines of the table, its head first, as `tabulate` returns them.
+        marked: (line, column) of the best values.
+    """
     lines = []
     for k, line in enumerate(cells):
         words = [text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ") for text in line]
@@ -195,7 +207,9 @@ _LATEX: Final = str.maketrans(
 
 
 def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
-    """Returns a table as LaTeX for the package booktabs, a column per row of the comparison, with the best values bold.
+    """Returns a table as LaTeX for the package booktabs, with a column for each row of the comparison and best values bold.
+
+    Rows that could not run have no column; comments below the table name them.
 
     Args:
         cells: the lines of the table, its head first, as `tabulate` returns them.
@@ -212,7 +226,7 @@ def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, i
 
 
 def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Returns the numbers of the lines that hold a column's best value; the head is line 0."""
+    """Returns the numbers of the lines with a column's best value, as `tabulate` counts them; empty if no value is best."""
     values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
     if not column.arrow or len(values) < 2:
         return []
@@ -221,7 +235,7 @@ def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list
 
 
 def _format_cell(value: Any, form: str) -> str:
-    """Returns a value of the table as text: empty for None, and a verdict unchanged."""
+    """Returns a value of the table as text: empty for None, the status of a verdict unchanged, else formatted by `form`."""
     if value is None or isinstance(value, VerdictStatus):
         return str(value or "")
     return form.format(value)
@@ -249,7 +263,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
 
 
 def _write_row(folder: Path, row: Row, recording: Recording) -> None:
-    """Writes the results of a row into a new folder; front ends have a pose for every scan of the recording."""
+    """Writes the results of a row that did not fail into a new folder; a front end's have a pose for every scan."""
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
     trajectory = recording.complete(row.trajectory) if row.measurements else row.trajectory

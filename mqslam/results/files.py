@@ -1,4 +1,4 @@
-"""Writes the parts that result files of all commands share: CSV, run.log, late warnings, and ground truth for evo."""
+"""Makes what the results of several commands share: CSV, run.log, warnings of files that failed, ground truth for evo."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -
     """Adds warnings about files that could not be written to a summary, and writes the summary's file again.
 
     Args:
-        path: the summary's JSON file.
+        path: the summary's JSON file; it is not written if there are no warnings.
         summary: content of this file, to which the warnings are added.
         warnings: what could not be written, and why.
 
@@ -84,7 +84,10 @@ def format_log(title: str, lines: Sequence[str]) -> str:
 
 
 def read_origin(folder: Path) -> list[tuple[str, str]]:
-    """Returns when and by which command a folder's results were made, from its run.log; an empty list without run.log."""
+    """Returns when and by which command a folder's results were made, as pairs of name and text from its run.log.
+
+    The pairs are named `finished` and `command`; the list is empty if the folder has no run.log.
+    """
     log = folder / "run.log"
     lines = log.read_text(encoding="utf-8").splitlines()[1:3] if log.is_file() else []
     return [(name, value) for name, _, value in (line.partition(": ") for line in lines)]
@@ -102,7 +105,7 @@ def list_verdict(summary: Mapping[str, Any]) -> list[str]:
 
 
 def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[str]:
-    """Returns a log line for each note, and for each warning of a summary."""
+    """Returns a log line for each of `notes`, and one for each warning of a summary."""
     return [*(f"note: {note}" for note in notes), *(f"warning: {warning}" for warning in summary["warnings"])]
 
 
@@ -112,16 +115,16 @@ def list_stages(summary: Mapping[str, Any]) -> list[str]:
 
 
 def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) -> None:
-    """Writes the poses of the ground truth with which a run is compared, at the stamps of the truth.
+    """Writes the poses of the ground truth with which a trajectory is compared, so that evo can repeat the comparison.
 
-    evo pairs poses by their stamps. If the truth has other stamps than the scans, a second file holds the trajectory
+    evo pairs poses by their stamps. If the truth has other stamps than the trajectory, a second file holds the trajectory
     interpolated at the stamps of the truth, just as it is evaluated.
 
     Args:
         folder: folder of the results.
-        estimate: the optimised trajectory.
-        truth: ground truth of the same sensor or vehicle, or None; nothing is written where fewer than 3 of its stamps lie
-            within the time of the estimate.
+        estimate: the trajectory that is compared.
+        truth: ground truth of the same sensor or vehicle; None if there is none. Nothing is written without ground truth, or
+            if fewer than 3 stamps of the truth lie within the time of the trajectory.
 
     Raises:
         OutputError: a file cannot be written.
@@ -136,9 +139,12 @@ def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) ->
 
 
 def name_evo_command(folder: Path) -> str:
-    """Returns the command with which evo computes the ATE of the report; an empty text if there is no ground truth.
+    """Returns the command with which evo computes the ATE that the report shows; an empty text without ground truth.
 
-    If evo is not on the PATH but is installed next to the running Python, the command has its full path.
+    If evo is not on the PATH but is installed next to the running Python, the command names evo by its full path.
+
+    Args:
+        folder: folder of the results, into which `write_truth` wrote.
     """
     if not (folder / TRUTH).is_file():
         return ""

@@ -67,7 +67,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
 
 
 def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
-    """Returns the result of a merge as a sentence."""
+    """Returns the result of a merge as a sentence; `sure` is what `_summarise_alignment` returns."""
     length = sum(trajectory.length_m for trajectory in merged.trajectories)
     before, after = merged.psi.mean(axis=0).tolist()
     is_alike = abs(after - before) < _ALIKE * before
@@ -81,10 +81,10 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
-    """Returns the uncertainty of the recordings' alignment, and the share of keyframes at which changes are searched for.
+    """Returns the uncertainty of the recordings' alignment, and the share of it that is small enough to search for changes.
 
-    Changes between the recordings are searched for only where the uncertainty is small enough. All values are None if no
-    uncertainty is known.
+    The uncertainty is the median and the largest standard deviation [m] of one recording's keyframes relative to another
+    recording. All values are None if no standard deviation is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]
@@ -139,7 +139,11 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
 
 
 def format_links(merged: Merged) -> str:
-    """Returns links as CSV: in each row, two keyframes, the later one's pose in the frame of the earlier one, and scores."""
+    """Returns the links between the recordings of a merge as CSV.
+
+    Each row names two keyframes by recording and stamp, and holds the pose of the later keyframe in the frame of the earlier
+    keyframe [m, m, rad], its covariance, and scores.
+    """
     keyframes = merged.kept.keyframes
 
     def describe(link: Loop, psi: tuple[float, float], residual: float) -> dict[str, Any]:
@@ -159,7 +163,7 @@ def format_links(merged: Merged) -> str:
 
 
 def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
-    """Returns the numbers of the search for the places of one result in another result; results are numbered from 1."""
+    """Returns the numbers on how places of one merged result were recognised in another; results are numbered from 1."""
     return {
         "earlier": recognition.earlier + 1,
         "later": recognition.later + 1,
@@ -173,7 +177,7 @@ def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
 
 
 def _describe_change(change: Change) -> dict[str, Any]:
-    """Returns a change as a row; recordings are numbered from 1."""
+    """Returns a change between recordings as a row of changes.csv, with lengths in metres; recordings count from 1."""
     return {
         "shown_by": change.shown_by + 1,
         "missed_by": change.missed_by + 1,

@@ -54,7 +54,7 @@ _STAGES: Final = ("read", "detect", "windows", "along", "loops", "refine", "opti
 
 
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
-    """Returns the content of a run's summary.json without `run_key` and the warnings, which the caller adds."""
+    """Returns the content of a run's summary.json, to which the caller adds `run_key` and the warnings."""
     before, after = run.map_odometry, run.map_optimised
     torn = share_torn(run.checks)
     truth = recording.ground_truth
@@ -114,7 +114,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
 
 
 def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, Any]:
-    """Returns the errors of the ranges as measured by psi, for summary.json."""
+    """Returns the entry `range_errors` of summary.json: the errors of the ranges as psi measured them."""
     sigmas = errors.sigmas
     return {
         "range_offset_m": recording.range_offset + errors.offset,
@@ -132,13 +132,13 @@ def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, An
 def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Recording) -> None:
     """Writes every result file of a run except its page into an existing folder, the most valuable ones first.
 
-    If a file such as covariances, map or graph cannot be made, because of a fault in the code or a library or for lack of
-    memory, a warning is added to the summary, and all other files are still written.
+    If a file such as the covariances, map or graph cannot be made, because of a fault in the code or in a library or for
+    lack of memory, a warning is added to the summary, and all other files are still written.
 
     Args:
         folder: the folder.
         run: the finished run.
-        summary: content of summary.json, with its warnings.
+        summary: content of summary.json, with its warnings; warnings of files that could not be made are added to it.
         recording: the recording, with ground truth in the frame of the run.
 
     Raises:
@@ -196,12 +196,12 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
 
 
 def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovariances) -> None:
-    """Writes the covariances of all poses in the frame of the first pose; writes no file if the covariances are not known.
+    """Writes the covariances of poses in the frame of the first pose; writes no file if the covariances are not known.
 
     Args:
-        path: the file.
+        path: the CSV file.
         trajectory: the poses.
-        marginals: covariances of the poses, each in the pose's own frame.
+        marginals: covariances of some or all of the poses in x, y, yaw [m, rad], each in the pose's own frame.
 
     Raises:
         OutputError: the file cannot be written.
@@ -214,7 +214,10 @@ def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovarianc
 
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:
-    """Returns a CSV row per measurement; the covariance of dx [m], dy [m], dyaw [rad] is in the frame of the pose at t0."""
+    """Returns measurements as CSV: times t0 and t1 [s], the motion between them, its covariance, psi, points and status.
+
+    The motion is dx [m], dy [m], dyaw [rad]. It and its covariance are in the frame of the pose at t0.
+    """
     rows = []
     for m in measurements:
         numbers = [*m.pose, *m.covariance[np.triu_indices(3)], m.psi, m.psi_odometry]
@@ -225,10 +228,9 @@ def format_measurements(measurements: Sequence[Measurement]) -> str:
 
 
 def format_graph_table(run: Run) -> str:
-    """Returns a CSV row per edge of graph.g2o, with what g2o cannot express: kind, robust loss, and stamps of its scans.
+    """Returns a CSV row for each edge of graph.g2o, with what g2o cannot express.
 
-    Args:
-        run: the finished run.
+    A row has the edge's number, its vertices, its kind, its robust loss with parameter, and the stamps of its scans [us].
     """
     size, stamps_us = run.graph.size, run.optimised.stamps_us.tolist()
     rows = []
@@ -243,7 +245,13 @@ def format_graph_table(run: Run) -> str:
 
 
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
-    """Returns the kind of an edge, such as `motion`, by the numbers of its vertices: first `size` scans, then submaps."""
+    """Returns the kind of an edge: `measurement`, `map`, `motion`, `loop` or `refinement`.
+
+    Args:
+        ends: numbers of the edge's two vertices; scans are numbered from 0, and submaps from `size`.
+        size: number of scans.
+        loss: name of the edge's robust loss, by which loop closures are told from refinements.
+    """
     a, b = ends
     if a >= size:
         return "measurement" if b < size else "map"
@@ -253,7 +261,7 @@ def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
 
 
 def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
-    """Returns the name of an edge's robust loss, and its parameter [standard deviations]; `none` and "" if it has none."""
+    """Returns the name of an edge's robust loss and its parameter [standard deviations]; `none` and "" without a loss."""
     if not isinstance(noise, gtsam.noiseModel.Robust):
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
@@ -262,7 +270,7 @@ def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
 
 
 def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
-    """Writes run.log and summary.json, the files that hold the warnings."""
+    """Writes run.log and summary.json, the two files that hold the warnings; the log also holds `notes`."""
     dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
     lines = list_notes(summary, [*notes, *list_sensor_notes(summary)])
     lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
@@ -272,10 +280,10 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
-    """Returns the standard deviations of the last pose relative to the first one, in its own frame; None if not known.
+    """Returns the standard deviations of the last pose relative to the first pose, along and across the last pose's heading.
 
-    Unless GNSS measures it, the scale of the ranges comes from a prior; `prior_share` is its share of the position's
-    variance.
+    `prior_share` is the share of the position's variance that comes from the prior of the ranges' scale; 0 if GNSS measures
+    the scale. The result is None if the covariance of the last pose is not known.
     """
     sure = run.covariances
     if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
@@ -289,7 +297,7 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns for each sensor whether and how it is used, and how far it moves the trajectory; None for a missing sensor."""
+    """Returns for each further sensor how it is used, and how far it moves the trajectory; None for a missing sensor."""
     used = run.sensors
     found: dict[str, dict[str, Any] | None] = {
         "gyroscope": None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope),
@@ -307,26 +315,26 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
 
 
 def _summarise_use(use: GyroscopeUse | FixUse | VelocityUse) -> dict[str, Any]:
-    """Returns the entries of the summary that all sensors have in common."""
+    """Returns the entries that all sensors have in common: the source, whether it is used, and sentences for people."""
     return {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
 
 
 def summarise_mount(mount: MountUse) -> dict[str, Any]:
-    """Returns the pose of the radar on the vehicle; unknown numbers are NaN, which becomes null in JSON."""
+    """Returns the pose of the radar on the vehicle with its standard deviations; unknown numbers are NaN (null in JSON)."""
     numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
     numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
     return {**numbers, "source": mount.source, "statements": list(mount.statements)}
 
 
 def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
-    """Returns the result of an audit's comparison of a trajectory with a gyroscope."""
+    """Returns the entry `gyroscope` of audit.json: the comparison of a trajectory with a gyroscope."""
     numbers: dict[str, Any] = {"source": check.source, "agrees": check.agrees, "statement": check.statement}
     numbers["differ_rad"] = check.differ_rad
     return numbers | ({} if check.rotation is None else _list_rotation(check.rotation))
 
 
 def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
-    """Returns how a gyroscope is used, and its parameters."""
+    """Returns the entry on a gyroscope: how it is used, and, if they are known, the parameters of its rotations."""
     numbers = _summarise_use(use) | {"factors": 0 if use.edges is None else use.edges.count}
     return numbers | ({} if use.rotation is None else _list_rotation(use.rotation))
 
@@ -347,7 +355,7 @@ def _list_rotation(rotation: Rotation) -> dict[str, Any]:
 
 
 def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
-    """Returns how GNSS fixes are used, and the parameters of their errors."""
+    """Returns the entry on GNSS fixes: how they are used, and, if they are, the antenna's place and the fixes' errors."""
     numbers, edges = _summarise_use(use), use.edges
     if edges is None:
         return numbers | {"factors": 0}
@@ -363,7 +371,7 @@ def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
 
 
 def _summarise_velocities(use: VelocityUse) -> dict[str, Any]:
-    """Returns how the velocities that chirps measure are used, and their scale and bias."""
+    """Returns the entry on velocities that the radar's chirps measure: how they are used, and their scale and bias."""
     return _summarise_use(use) | {
         "factors": 0 if use.edges is None else len(use.edges),
         "scale": use.scale,

@@ -1,4 +1,4 @@
-"""Judges the map of a run from the run alone, and lists the warnings that a reader of the results should know first."""
+"""Judges the map of a run without ground truth, and lists the warnings that a reader of the results should know first."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in
 def judge_run(run: Run) -> dict[str, list[Finding]]:
     """Returns the findings of each test of a run's map by the test's name.
 
-    Only windows show how good the map is. Without windows, the map is not judged, and warnings become `not judged`, too.
+    Only windows show how good the map is. If no window was judged, the map is not judged, and warnings of other tests
+    become `not judged`, too.
     """
     if run.checked is None and CHECK in run.crashes:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
@@ -63,12 +64,12 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
 
 
 def _judge_nothing(finding: Finding) -> Finding:
-    """Returns the finding for a map without windows, in which a warning becomes `not judged`."""
+    """Returns a finding of a map without judged windows: a warning becomes `not judged`, any other finding stays."""
     return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
 def _judge_direction(run: Run) -> list[Finding]:
-    """Returns a finding that the map is mirrored, if independent sensors turn the other way than the radar; else []."""
+    """Returns a finding that the map is mirrored if other sensors turn the other way than the radar; else an empty list."""
     opposite = run.sensors.opposite
     if not opposite:
         return []
@@ -94,19 +95,22 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 
 def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
-    """Returns a warning for each stretch, or for several stretches near each other, in which a front end lost track."""
+    """Returns a warning for each stretch in which a front end lost track; stretches near each other share one warning."""
     return _warn_of_stretches("lost track", find_stretches(measurements, Status.LOST))
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns the beginning and the end [s] of each long stop; the map holds only the first scan of a stop."""
+    """Returns the beginning and the end of each long stop [s since the recording's start].
+
+    The map holds only the first scan of a stop.
+    """
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
 
 
 def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[tuple[float, float]]:
-    """Returns the beginning and the end [s] of each stretch of successive measurements that have the given status."""
+    """Returns begin and end of each stretch of successive measurements with the given status [s since recording's start]."""
     spans: list[tuple[float, float]] = []
     for measurement in measurements:
         if measurement.status is not status:
@@ -119,7 +123,7 @@ def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[
 
 
 def _has_velocities(run: Run, status: Status) -> bool:
-    """Returns whether velocities by chirps join the graph at every measurement that has the given status."""
+    """Returns whether the graph has velocities measured by chirps at every measurement that has the given status."""
     velocities = run.sensors.velocities
     if velocities is None or velocities.edges is None:
         return False
@@ -127,11 +131,11 @@ def _has_velocities(run: Run, status: Status) -> bool:
 
 
 def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[str]:
-    """Returns a warning for each stretch, or one warning for several stretches that are near each other.
+    """Returns a warning for each stretch; stretches that are less than `_NEAR_S` apart share one warning.
 
     Args:
         what: what happened in each stretch, in words.
-        spans: beginning and end of each stretch [s], in order.
+        spans: beginning and end of each stretch [s since the recording's start], in the order of time.
     """
     groups: list[list[tuple[float, float]]] = []
     for span in spans:
@@ -169,21 +173,21 @@ def _judge_track(run: Run) -> list[Finding]:
 
 
 def _judge_passes(run: Run) -> list[Finding]:
-    """Returns the finding on how optimisation changed psi across passes; an empty list where psi cannot show it."""
+    """Returns a finding on how optimisation changed psi across passes; an empty list if psi cannot show the change."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
     return [_blame_optimisation(status, f"psi per point across passes {ratio}") for status, ratio in compared]
 
 
 def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
-    """Returns a finding on optimisation, with the explanation that optimisation made the map worse."""
+    """Returns a finding of this status and reason, which is explained by an optimisation that made the map worse."""
     explanation = "loops or other sensors bend the map: it was crisper before they were used; try the run without them"
     return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
-    """Returns the findings on the whole map, and on how optimisation changed its psi; an empty list if psi cannot show it.
+    """Returns the findings on the whole map, and on how optimisation changed its psi; an empty list if psi cannot show this.
 
-    A radar that stood still leaves a map of one scan, none of whose points is matched.
+    If the sensor stood still, the map holds one scan, and none of its points is matched.
     """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
@@ -205,10 +209,15 @@ def _judge_whole_map(run: Run) -> list[Finding]:
 
 
 def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tuple[VerdictStatus, str]]:
-    """Returns whether optimisation raised psi per point too much, as a status, and the ratio in words.
+    """Returns a list of one pair: a status, `fail` if optimisation raised psi per point too much, and the ratio in words.
 
     The list is empty if psi is not known or was not positive, if the graph had nothing to optimise, if no window was judged,
     or if no point of the map is matched.
+
+    Args:
+        run: the finished run.
+        before: psi per point before optimisation; None if it is not known.
+        after: psi per point after optimisation; None if it is not known.
     """
     is_optimised = run.unoptimised is None and bool(run.odometry_factors or run.loops)
     if not (is_optimised and run.checks and run.map_optimised.matched_share) or after is None or not before or before < 0.0:
@@ -219,11 +228,11 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
 
 
 def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor: str = RADAR) -> list[str]:
-    """Returns warnings of the first gaps and, if there are more, of the time that is missing in all.
+    """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all.
 
     Args:
         gaps: number of the scan before each gap, and the missing time [s].
-        longest_coast_s: longest gap that the tracker bridges [s].
+        longest_coast_s: longest gap that the tracker bridges by a prediction.
         sensor: what the warnings call the sensor.
     """
     warnings = []
@@ -241,7 +250,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor:
 
 
 def _judge_scale(run: Run) -> list[Finding]:
-    """Returns a finding for odometry and for GNSS fixes if they contradict the trajectory's scale; [] if none does."""
+    """Returns a finding for each of odometry and GNSS fixes that contradicts the trajectory's scale."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):
@@ -262,12 +271,12 @@ def _judge_scale(run: Run) -> list[Finding]:
 
 
 def _shows_scale(fixes: FixUse | None) -> bool:
-    """Returns whether GNSS fixes show the scale: they do if they are used or if they contradict it."""
+    """Returns whether GNSS fixes show the scale of the map, which they do if they are used or if they contradict it."""
     return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
 
 
 def list_unknowns(run: Run, recording: Recording) -> list[str]:
-    """Returns lines on what psi cannot show of the sensor, if neither odometry nor GNSS shows it; otherwise an empty list.
+    """Returns lines on what psi cannot show of the sensor; an empty list if odometry or GNSS shows the scale of the map.
 
     Psi depends neither on the map's scale, nor on an offset of all azimuths, nor on a delay of all stamps.
     """
@@ -285,5 +294,5 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns the trajectory's speed divided by odometry's; None where the run has no odometry or hardly moves."""
+    """Returns the trajectory's speed divided by odometry's; None if the run has no odometry or hardly moves."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None
