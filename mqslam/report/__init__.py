@@ -1,1 +1,1 @@
-"""The pages of all commands: one self-contained HTML file each, from one template."""
+"""Makes the pages of all commands; each page is one HTML file that loads nothing else, and all share one template."""

@@ -1,4 +1,7 @@
-"""Makes the page of an audit, its heat map, and the files of its bad places."""
+"""Makes the page of an audit, its heat map, and the files of its bad places.
+
+`mqslam.results.audit_results` explains the words of an audit, such as revisit, span, jump and torn.
+"""
 
 from __future__ import annotations
 
@@ -86,10 +89,10 @@ def write_audit_page(
         sweeps: the points that were judged.
         config: all settings.
         summary: content of audit.json; values that are absent or None are shown as not available.
-        mended: the mended trajectory and its audit; None where mending was not asked for.
+        mended: the mended trajectory and its audit; None if mending was not asked for.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: a file cannot be written.
@@ -149,12 +152,12 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
 
 
 def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
-    """Returns a chart of the offset between the two passes of every revisit.
+    """Returns a chart of the distance [m] between the two passes of every revisit.
 
     Args:
         revisits: the judged revisits.
         settings: settings of the audit.
-        x: (N,) value on the x axis for every sweep; a revisit is drawn at its later sweep.
+        x: (S,) value on the x axis for every sweep; a revisit is drawn at its later sweep.
         x_title: title of the x axis.
     """
     kinds = (
@@ -174,7 +177,7 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
 def _show_mended(
     audit: Audit, sweeps: Sweeps, summary: Mapping[str, Any], mended: AuditedTrajectory | None
 ) -> Section | None:
-    """Returns a section with the given and the mended trajectory side by side; None without a mended one."""
+    """Returns a section with the given and the mended trajectory side by side; None without a mended trajectory."""
     after = part_of(summary, "mended")
     if mended is None or not after:
         return None
@@ -192,7 +195,7 @@ def _show_mended(
 
 
 def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer | None:
-    """Returns the interactive map of an audit, with inflation and revisits over time and crops; None without points.
+    """Returns the interactive map of an audit, with charts of inflation and revisits over time; None without points.
 
     Args:
         sweeps: the points that were judged.
@@ -222,7 +225,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
 
 
 def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns the places to click, ordered by time: torn windows, some of the other windows, and other torn places."""
+    """Returns the places that can be clicked, in the order of time: torn windows, some other windows, other torn places."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
@@ -241,13 +244,13 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
 
 
 def _number_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[list[tuple[int, Spot]]]:
-    """Returns the worst places with their numbers in two lists: the torn ones, and the others."""
+    """Returns the worst places, numbered from 1, in two lists: the torn places, and the others."""
     spots = list(enumerate(find_worst_spots(sweeps, audit, settings), 1))
     return [[(k, spot) for k, spot in spots if spot.torn is wanted] for wanted in (True, False)]
 
 
 def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns a table of the worst torn places and, folded, a table of the worst other places; None without places."""
+    """Returns a table of the worst torn places and, folded, of the worst places that are not torn; None without places."""
     torn, fine = _number_worst(sweeps, audit, settings)
     if not torn and not fine:
         return None
@@ -266,7 +269,7 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
 
 
 def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) -> Section | None:
-    """Returns a table of what could not be judged, its place, and the file that lists it; None where all was judged."""
+    """Returns a table of what could not be judged, with its place and the file that lists it; None if all was judged."""
     rows = list_unmatched(sweeps, audit)
     blind = [str(line) for line in summary.get("not_judged") or ()]
     if not rows and not blind:
@@ -277,7 +280,10 @@ def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) ->
 
 
 def _show_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns pictures of the worst places before and after correction, folded where not torn; None without places."""
+    """Returns pictures of the worst places before and after correction; those of places that are not torn are folded.
+
+    Returns None if there are no places.
+    """
     torn, fine = ([_show_crop(sweeps, k, spot) for k, spot in some] for some in _number_worst(sweeps, audit, settings))
     note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
@@ -296,7 +302,7 @@ def _show_crop(sweeps: Sweeps, number: int, spot: Spot) -> Card:
 
 
 def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
-    """Returns the numbers at the end of an audit's page."""
+    """Returns the section of numbers at the end of an audit's page: by part of audit.json, and measures of the windows."""
     groups = []
     for part, heading in _GROUPS.items():  # psi per point is left out: by itself it may prefer a wrong map
         values = {key: value for key, value in part_of(summary, part).items() if key != "psi_per_point"}
@@ -309,7 +315,7 @@ def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_measures(audit: Audit) -> list[tuple[str, str]]:
-    """Returns for each measure its name, and its median and 5 % and 95 % quantiles over the windows where it is known."""
+    """Returns for each measure its name, and as text its median, 5 % and 95 % quantiles over windows where it is known."""
     windows = audit.windows
     measured = [
         ("ψ of a window per point", "", [w.bend.psi for w in windows]),

@@ -29,16 +29,16 @@ _NUMBERS: Final = (  # key of a run in batch.json, head of its column, unit
 
 
 def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
-    """Writes a batch's page into the batch's folder, which also holds the folders of the runs; it links to their pages.
+    """Writes the page of a batch, with links to the pages of its runs.
 
     Args:
-        out: the folder.
+        out: folder of the batch, which also holds the folders of the runs.
         title: heading of the page.
         summary: content of batch.json.
         plan: text of RUNS.yaml.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -97,7 +97,10 @@ def _format_number(key: str, value: Any, unit: str) -> str:
 
 
 def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
-    """Returns the cells of a run in the table that describes the runs in words."""
+    """Returns a run's row of the table in words: its name, verdict, reasons, what was not judged, drive and errors.
+
+    For a run that failed, the row only holds its name and the failure.
+    """
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"
@@ -134,5 +137,5 @@ def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajecto
 
 
 def _link_to(run: Mapping[str, Any]) -> str | None:
-    """Returns the address of a run's page relative to the page of the batch; None where the run has no page."""
+    """Returns the address of a run's page relative to the page of the batch; None if the run has no page."""
     return None if run["report"] is None else quote(run["report"])

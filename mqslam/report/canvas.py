@@ -32,7 +32,7 @@ DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
-_ENOUGH = 300_000  # points that are counted at a time, and most points that set the edges of a view
+_ENOUGH = 300_000  # number of points counted at a time, and largest number from which the edges of a view are found
 _FAINTEST = 0.35  # opacity of a pixel with a single point
 _LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
 _CHART_IN = 1.7  # height of a chart below a map
@@ -50,7 +50,7 @@ _MOST = 1200  # most points of a line that a chart draws: nobody could see more
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A rectangle of the world [m] that several figures share."""
+    """The rectangle of the map's frame that several figures show: x from `x0` to `x1` [m], y from `y0` to `y1` [m]."""
 
     x0: float
     x1: float
@@ -58,7 +58,7 @@ class View:
     y1: float
 
     def contains(self, points: Points) -> NDArray[np.bool_]:
-        """Returns which of the points (N, 2) [m] lie in the view."""
+        """Returns whether each of the points (N, 2) [m] lies in the view (N,)."""
         x, y = points.T
         return np.asarray((x >= self.x0) & (x <= self.x1) & (y >= self.y0) & (y <= self.y1))
 
@@ -70,12 +70,12 @@ class Curve:
     Args:
         name: name in the legend; empty for none.
         colour: colour of the curve.
-        points: (N, 2) x and y; a row of NaN interrupts a line.
-        style: matplotlib's style of a line, marker of dots, or `-o` and `--o` for lines with dots.
-        width: width of the line, or size of the dots [points].
-        alpha: opacity of the curve.
-        beside: whether it belongs to the axis on the right of a chart.
-        shown: whether an explorer shows it at first.
+        points: (N, 2) x and y of each point, in the units of the axes ([m] on a map); a row of NaN interrupts a line.
+        style: style of a line, or marker of dots, as matplotlib names it; `-o` and `--o` for lines with dots.
+        width: width of the line, or size of the dots [points of 1/72 inch].
+        alpha: opacity of the curve, 0..1.
+        beside: whether the curve belongs to the axis on the right of a chart.
+        shown: whether an interactive map shows the curve at first.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Chart:
     Args:
         title: title of the left y axis, with its unit.
         curves: the curves.
-        levels: name, value and colour of horizontal lines across the chart.
+        levels: name, value and colour of each horizontal line across the chart.
         log: names of the logarithmic axes: `x`, `y` for the left y axis, `beside` for the right one.
         x_title: title of the x axis.
         beside: title of the right y axis; empty for none.
@@ -124,23 +124,23 @@ class Drawing(NamedTuple):
 
 
 def over(x: Any, y: Any) -> Points:
-    """Returns the points (N, 2) of a curve of values (N,) over x (N,)."""
+    """Returns the points (N, 2) of a curve, whose x and y are given as arrays or lists (N,)."""
     return np.column_stack([x, y]).astype(np.float64).reshape(-1, 2)
 
 
 def join_lines(lines: Sequence[Points]) -> Points:
-    """Joins lines (N_k, 2) to one array (M, 2), with a row of NaN after each line."""
+    """Joins lines, each of points (N_k, 2), to one array (M, 2) with a row of NaN after each line."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
 
 
 def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Points) -> tuple[Curve, float]:
-    """Returns a curve of 3-sigma ellipses, enlarged if they are too small to be seen, and their largest radius [m].
+    """Returns a curve of 3-sigma ellipses, enlarged if they are too small to be seen, and their largest true radius [m].
 
     Args:
-        positions: (N, 2) [m].
-        covariances: (N, 2, 2) or (N, 3, 3), of which x and y [m] are drawn, in the frame of the positions.
-        path: (M, 2) [m] of the whole path, whose extent decides how large the ellipses are drawn.
+        positions: (N, 2) middle x, y of each ellipse [m].
+        covariances: (N, 2, 2) in x, y [m], or (N, 3, 3) in x, y, yaw, of which x and y are drawn; in the positions' frame.
+        path: (M, 2) points of the whole path [m], whose extent decides how large the ellipses are drawn.
     """
     round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
@@ -159,13 +159,13 @@ def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Poi
 
 
 def _round_down(factor: float) -> float:
-    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; at least 1."""
+    """Returns the largest of the numbers 1, 2, 5, 10, 20, ... that is not above `factor`; 1 for a smaller factor."""
     steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
     return max((step for step in steps if step <= factor), default=1.0)
 
 
 def mix_shades(count: int) -> tuple[str, ...]:
-    """Returns the colours of `count` groups in the order of time, from blue for the first to orange for the last."""
+    """Returns the colours of `count` groups in the order of time, from blue for the first to orange for the last group."""
     ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (BLUE, ORANGE)])
     mixed = [(1.0 - share) * ends[0] + share * ends[1] for share in np.linspace(0.0, 1.0, count)]
     return tuple("#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed)
@@ -177,7 +177,7 @@ def find_common_view(positions: Sequence[Points], shape: tuple[float, float], le
     Args:
         positions: arrays (N, 2) [m], of which at least one is not empty.
         shape: least and greatest ratio of the rectangle's height to its width; the rectangle is enlarged to meet them.
-        left_out: share of the positions that may lie beyond each side, so that a few stray ones do not shrink the rest.
+        left_out: share of the positions that may lie beyond each side, so that a few far points do not shrink the picture.
     """
     filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
     release(*positions)
@@ -205,6 +205,9 @@ def draw_world(
         view: part of the world that is shown; None shows everything that is drawn.
         is_small: whether the pictures are small squares without ticks.
         opaque: whether the background is white, for pictures outside a page, rather than transparent.
+
+    Returns:
+        The content of a PNG file for each picture.
     """
     if view is None:
         maps = [points for drawing in drawings for points, _ in drawing.maps]
@@ -263,12 +266,15 @@ def _fill(axes: Axes, chart: Chart) -> None:
 
 
 def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
-    """Draws a map with charts below it as one figure for print, white, in which words stay text.
+    """Draws a map with charts below it as one figure for print, on white; in PDF and SVG, words stay text.
 
     Args:
         drawing: the map and the curves on it.
-        charts: the charts.
+        charts: the charts, from top to bottom.
         suffix: form of the file: `.pdf`, `.png` or `.svg`.
+
+    Returns:
+        The content of the file.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -308,11 +314,11 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
 
 
 def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
-    """Returns an empty figure of the world from above, with x to the right and the same scale along x and y.
+    """Returns an empty figure of the world from above, with x to the right and the same scale along x and y, and its axes.
 
     Args:
-        view: part of the world that it shows.
-        above_in: room left above the axes [inch].
+        view: part of the world that the figure shows.
+        above_in: height of the empty space above the axes [inch].
     """
     inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
     height = inner * (view.y1 - view.y0) / (view.x1 - view.x0)
@@ -322,7 +328,7 @@ def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
 
 
 def _make_small(view: View) -> tuple[MplFigure, Axes]:
-    """Returns a small empty figure that a square of the world fills; a scale bar replaces the ticks."""
+    """Returns a small figure that shows an empty square of the world with a scale bar instead of ticks, and its axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_SMALL_IN, _SMALL_IN), dpi=DPI)
@@ -339,7 +345,7 @@ def _make_small(view: View) -> tuple[MplFigure, Axes]:
 
 
 def _make_axes(height_in: float, above_in: float) -> tuple[MplFigure, Axes]:
-    """Returns an empty figure with axes and a grid."""
+    """Returns an empty figure of height `height_in` [inch], with axes, a grid, and `above_in` [inch] of space above them."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
@@ -368,7 +374,7 @@ def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:
 
 
 def _plot(axes: Axes, curve: Curve, points: Points | None = None) -> None:
-    """Draws a curve, or some of its points (N, 2)."""
+    """Draws a curve on axes; `points` (N, 2) are drawn instead of all points of the curve if they are given."""
     look: dict[str, Any] = {"linestyle": curve.style, "linewidth": curve.width, "solid_joinstyle": "round"}
     if curve.is_dots:
         look = {"linestyle": "", "marker": curve.style, "markersize": curve.width, "clip_on": curve.style != "|"}
@@ -388,7 +394,13 @@ def _measure_legend(names: Sequence[str]) -> tuple[int, float]:
 
 
 def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
-    """Puts a compact legend of these names into the space above the axes."""
+    """Puts a compact legend into the space above the axes.
+
+    Args:
+        axes: the axes.
+        names: names in the legend, which decide its number of columns; without names, there is no legend.
+        handles: matplotlib's handles of the curves; None takes all curves with a name on the axes.
+    """
     if not names:
         return
     tight: dict[str, Any] = {
@@ -404,7 +416,7 @@ def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None 
 
 
 def _use_plain_log(axes: Axes, which: str) -> None:
-    """Makes an axis logarithmic, with plain numbers at 1, 2 and 5, or at powers of ten where the span is wide."""
+    """Makes the axis `which` (`x` or `y`) logarithmic, with numbers at 1, 2 and 5, or at powers of ten for a wide span."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{which}scale": "log"})
@@ -421,12 +433,12 @@ def _use_plain_log(axes: Axes, which: str) -> None:
 
 
 def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
-    """Draws the point density of maps: opacity grows with the logarithm of the points per pixel, and one point is visible.
+    """Draws maps by their density: a pixel's opacity grows with the logarithm of the number of points in the pixel.
 
     Args:
         view: part of the world that all axes show.
         maps: axes to draw on, points (N, 2) [m] and colour of each map. All axes have the same size, and all maps share
-            one scale of shades.
+            one scale of opacity, in which a single point is visible.
     """
     from matplotlib.colors import to_rgb
 
@@ -449,7 +461,7 @@ def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
 
 
 def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]:
-    """Returns the number of points (N, 2) [m] in each square pixel of a view: (rows, columns), row 0 at the lowest y."""
+    """Counts the points (N, 2) [m] in each square pixel of a view; returns (rows, columns), with row 0 at the lowest y."""
     side = (view.x1 - view.x0) / columns
     rows = max(round((view.y1 - view.y0) / side), 1)
     counts = np.zeros(rows * columns, dtype=np.int64)
@@ -462,7 +474,7 @@ def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]
 
 
 def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
-    """Returns a figure as a PNG file, with a white background if it is opaque, else with a transparent one."""
+    """Returns a figure as the content of a PNG file; its background is white if `opaque`, else transparent."""
     file = io.BytesIO()
     ground = "white" if opaque else "none"
     figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})

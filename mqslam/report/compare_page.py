@@ -1,4 +1,4 @@
-"""Makes the page of a comparison. Each row is a trajectory to compare, with one colour and line style in all pictures."""
+"""Makes the page of a comparison. Each row is a front end or trajectory, with one colour and line style in all pictures."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ _CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of th
 # The shortest side of that picture is not longer than this share of the side of the maps: the maps of rooms are small.
 _CLOSE_SHARE = 0.25
 _SIDE = 20.0  # side of that picture divided by the distance between the rows
-_ENOUGH = 100_000  # largest number of points of a row from which the extent of its map is computed
-_SQUARE = (1.0, 1.0)  # least and greatest ratio of the height of the picture to its width
+_ENOUGH = 100_000  # largest number of points of a map from which its extent is computed
+_SQUARE = (1.0, 1.0)  # least and greatest ratio of that picture's height to its width
 
 
 def write_compare_page(
@@ -66,11 +66,11 @@ def write_compare_page(
         folder: the folder.
         comparison: the finished comparison.
         summary: content of compare.json.
-        table: head and rows as the terminal shows them.
-        marked: line and column in the table of each value that is the best of its column.
+        table: lines of the table as the terminal shows them, the head first.
+        marked: line and column in the table of each value that is the best of its column; the head is line 0.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: a file cannot be written.
@@ -104,7 +104,7 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
         rows: rows that ran.
 
     Returns:
-        the rank of each row by its name, the best first; rows between which nothing decides share a rank.
+        The rank of each row by its name, the best first. Rows of which none is better than the others share a rank.
     """
     left = [Standing.of(row) for row in rows]
     ranks: dict[str, int] = {}
@@ -116,7 +116,7 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
 
 
 def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
-    """Returns the table of the rows with their ranks, the best first; the other cells are the same as on the terminal."""
+    """Returns the table of the rows with their ranks, the best row first; the other cells are those of the terminal."""
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
     rows: list[tuple[str | Cell, ...]] = []
@@ -137,7 +137,7 @@ def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marke
 
 
 def _style_of(k: int) -> tuple[str, Any]:
-    """Returns colour and style of the line of row k."""
+    """Returns the colour of row k in pictures, and the style of its line."""
     return _COLOURS[k % len(_COLOURS)], _STYLES[k % len(_STYLES)]
 
 
@@ -169,11 +169,11 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
 
 
 def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque: bool = True) -> bytes:
-    """Draws all trajectories over each other.
+    """Draws the trajectories of all rows over each other, as the content of a PNG file.
 
     Args:
         rows: rows that ran.
-        truth: ground truth, with which the best rigid motion aligns each trajectory; without it, all start from one pose.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; if None, all start from one pose.
         opaque: whether the background is white, for a picture outside a page, rather than transparent.
     """
     tracks = {row.row.name: row.row.trajectory for row in rows if row.row.trajectory is not None}
@@ -189,9 +189,9 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
     """Finds one frame for all trajectories: the frame of the ground truth, or the pose at their common start.
 
     Returns:
-        a motion (3,) that brings each trajectory into the frame, and positions (N, 2) [m] of the part of the truth that
-        the trajectories cover; None in place of the positions if there is no truth with which all trajectories can be
-        aligned.
+        For each trajectory the motion (3,) x, y [m], yaw [rad] that brings it into the frame, and positions (N, 2) x, y [m]
+        of the ground truth in the time of the trajectories. The positions are None if there is no ground truth with which
+        all trajectories can be aligned.
     """
     if truth is not None:
         motions = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
@@ -204,7 +204,7 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
 
 
 def _chart_inflation(comparison: Comparison) -> Chart:
-    """Returns a chart of the running median of each row's inflation over time, from decided windows with motion."""
+    """Returns a chart of the running median of each row's inflation, over the decided windows in which the sensor moves."""
     rows, curves = list(comparison.judged.values()), []
     for k, (row, windows) in enumerate(zip(rows, select_moving_windows(rows, comparison.recording.start_us), strict=True)):
         if windows:
@@ -213,13 +213,13 @@ def _chart_inflation(comparison: Comparison) -> Chart:
 
 
 def smooth_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns the time [s] at the middle of each window and the running median of the inflation there: (W, 2)."""
+    """Returns (W, 2): the time [s] at the middle of each window, and the running median of the windows' inflation there."""
     times, inflation = trace_inflation(windows).T
     return over(times, median_filter(inflation, min(_MEDIAN_OF, len(inflation)), mode="nearest"))
 
 
 def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
-    """Returns for each row the decided windows in which its own trajectory moves or rotates.
+    """Returns for each row the decided windows in which the row's own trajectory moves or rotates.
 
     Args:
         rows: rows that ran.
@@ -252,7 +252,13 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
-    """Returns for each of N spans of time [s] whether a trajectory moves or rotates; it stands still outside its ends."""
+    """Returns whether a trajectory moves or rotates in each of N spans of time; it is taken to stand still beyond its ends.
+
+    Args:
+        track: the trajectory.
+        spans: begin and end of each span [s since the recording's start].
+        start_us: stamp of the recording's start.
+    """
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
     before, after = track.at(begins), track.at(ends)
@@ -262,7 +268,10 @@ def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_u
 
 
 def explore_comparison(comparison: Comparison) -> Explorer | None:
-    """Returns the interactive map of a comparison: maps, trajectories, inflation over time and crops of every row."""
+    """Returns the interactive map of a comparison: maps, trajectories, inflation over time and close views of every row.
+
+    Returns None if no row has a map.
+    """
     rows, start_us = list(comparison.judged.values()), comparison.recording.start_us
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     motions, true = _find_common_frame(tracks, comparison.recording.ground_truth)
@@ -302,7 +311,7 @@ def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explo
 
 
 def _show_difference(comparison: Comparison) -> Section:
-    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges them and by what."""
+    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges the rows and how."""
     rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
     drawn = draw_difference(rows, truth)
     answers = Table(("question", "answer"), _answer_sceptic(comparison), holds_words=True)
@@ -319,11 +328,11 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
     Args:
         rows: rows that ran.
-        truth: ground truth, with which the best rigid motion aligns each trajectory; without it, all start from one pose.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; if None, all start from one pose.
 
     Returns:
-        the picture, how far the trajectories are apart there [m], and the time [s] there since the first pose that all
-        trajectories cover; None for fewer than two rows.
+        The content of a PNG file, the largest distance between two trajectories [m], and the time at which it occurs [s
+        since the first time that all trajectories cover]. None for fewer than two rows.
     """
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     if len(tracks) < 2:
@@ -347,12 +356,12 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
 
 def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
-    """Returns the square that shows how far rows are apart at a place; it is not larger than what the rows have seen.
+    """Returns a square in which the distance between the rows at a place can be seen, no larger than the rows' maps.
 
     Args:
-        at: (2,) middle of the square [m].
-        apart_m: how far the rows are apart there [m].
-        seen: points and paths (N, 2) of the rows [m].
+        at: (2,) middle x, y of the square [m].
+        apart_m: distance between the rows at the place.
+        seen: points and paths of the rows, each (N, 2) x, y [m].
     """
     whole = find_common_view(seen, _SQUARE, OUTERMOST)
     side_m = whole.x1 - whole.x0
@@ -362,7 +371,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns a sceptic's questions with answers: who judges, by what, why, and what if ground truth disagrees."""
+    """Returns a sceptic's questions with answers: who judges, by which tests, why, and what if ground truth disagrees."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "
@@ -406,7 +415,7 @@ def _list_numbers(comparison: Comparison, summary: Mapping[str, Any]) -> Section
 
 
 def _format_errors(errors: Evaluation) -> list[str]:
-    """Returns position error, drift, rotation drift and speed error as text."""
+    """Returns position error, drift, rotation drift and speed error as text, a dash for each that is None."""
     shown = (
         (errors.ate_rmse_m, " m"),
         (errors.drift_percent, " %"),

@@ -1,4 +1,4 @@
-"""Crops the map around a place, before and after its correction, close enough to show what the correction mends."""
+"""Crops the map around a place, before and after the place's correction, close enough to show what the correction does."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Crop: TypeAlias = tuple[list[Points], list[Points]]
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the part of a place in which the correction of the place shows the most.
+    """Returns the points in the square of a place where the correction brings later points the closest to earlier points.
 
     Args:
         sweeps: the points that were judged.
@@ -46,7 +46,7 @@ def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
 
 
 def draw_crop(crop: Crop) -> list[bytes]:
-    """Draws a crop before and after its correction; the earliest sweep or pass is blue, the last one orange."""
+    """Draws a crop before and after correction, as two PNG files; the earliest sweep or pass is blue, the last is orange."""
     shown = [points for points in (*crop[0], *crop[1]) if len(points)]
     half = 0.5 * _CLOSE_M
     view = find_common_view(shown, SQUARE) if shown else View(-half, half, -half, half)
@@ -59,10 +59,10 @@ def draw_crop(crop: Crop) -> list[bytes]:
 
 
 def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: float) -> View:
-    """Returns the square whose points have the largest sum of weights.
+    """Returns the square whose points have the largest sum of weights; for no points, a square around the origin.
 
     Args:
-        points: (N, 2) [m].
+        points: (N, 2) x, y [m].
         weights: (N,) weight of each point.
         side: side of the square [m].
     """
@@ -80,13 +80,13 @@ def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: flo
 
 
 def measure_distances(points: Points, others: Points, most: float) -> NDArray[np.float64]:
-    """Returns the distance from each of the points (N, 2) to the nearest of others (M, 2), cut off at `most` [m]."""
+    """Returns the distance (N,) [m] from each of `points` (N, 2) [m] to the nearest of `others` (M, 2), at most `most`."""
     distances, _ = cKDTree(others).query(points, distance_upper_bound=most)
     return np.asarray(np.minimum(distances, most))
 
 
 def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points (M, 2) of a window, one array per sweep, without and with the window's correction."""
+    """Returns the points of a window, an array (M, 2) [m] per sweep, without and with the correction of the window."""
     begin, end = spot.stretches[0][0], spot.stretches[0][-1] + 1
     points, into = centre_window(sweeps, begin, end)
     mended = twist_points(points, into, spot.correction / (end - begin)).points
@@ -95,6 +95,6 @@ def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
 
 
 def _move(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points (M, 2) of two stretches in the later stretch's frame, without and with its correction."""
+    """Returns the points (M, 2) [m] of a place's two stretches, without and with the correction of the later stretch."""
     earlier, later = (sweeps.local(part, spot.pose).points for part in spot.stretches)
     return [earlier, later], [earlier, se2.transform(spot.correction, later)]

@@ -59,17 +59,17 @@ _UPPERMOST = 0.99  # share of the values within the colour scale
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """A map and the trajectory under which it was rendered.
+    """A map and the trajectory under which the map was rendered.
 
     Args:
         name: name of the trajectory.
-        colour: colour of its path.
-        times: (K,) times of the path [s], increasing.
-        path: (K, 2) [m].
-        points: (N, 2) [m].
-        values: (N,) values of the points by name: time, psi and intensity, if they are known.
-        shown: whether it is visible at first.
-        ink: colour of its points; None is the page's ink.
+        colour: colour of the path.
+        times: (K,) times of the path [s since the recording's start], increasing.
+        path: (K, 2) positions x, y [m] of the trajectory, in the frame that all layers share.
+        points: (N, 2) points x, y [m] of the map, in the same frame.
+        values: values (N,) of the points by name, as far as they are known: `time` [s], `psi` and `intensity`.
+        shown: whether map and path are visible at first.
+        ink: colour of the points; None is the page's ink.
     """
 
     name: str
@@ -84,15 +84,15 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place that can be clicked, and what a click shows of it.
+    """A place that can be clicked, and what a click on it shows.
 
     Args:
-        t0, t1: times at which the sensor reached and left the place [s].
-        title, text: title of the place, and a text about it.
-        views: close views side by side with one extent; each is the name of a trajectory, groups of points (M, 2) [m], and
-            the colours of the groups.
-        torn: whether it is marked as torn.
-        unknown: whether it could not be judged.
+        t0, t1: times at which the sensor reached and left the place [s since the recording's start].
+        title, text: title of the place, and a text about the place.
+        views: close views side by side with one extent. Each has a name, groups of points (M, 2) [m], and the colour of each
+            group.
+        torn: whether the place is marked as torn.
+        unknown: whether the place could not be judged.
     """
 
     t0: float
@@ -105,7 +105,7 @@ class Place:
 
 
 def values_of(pointmap: PointMap) -> dict[str, NDArray[np.float64]]:
-    """Returns the values (N,) that the points of a map can be coloured by."""
+    """Returns by name the values (N,) that can colour the points of a map: time, psi and intensity."""
     return {"time": pointmap.times, "psi": pointmap.psi, "intensity": pointmap.intensities}
 
 
@@ -123,15 +123,16 @@ def explore(
     """Returns an interactive map; None where no layer has points.
 
     Args:
-        layers: maps; a click marks the place on all maps, and dots mark the places on the first map that is shown.
+        layers: maps with their trajectories. A click marks the place on all maps; dots mark the places on the first map that
+            is shown.
         charts: charts over time, one below the other.
         places: places that can be clicked, in the order of time.
-        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
+        notes: lines for the reader; the first line stands below the heading, a click unfolds the others.
         lines: further lines on the map.
-        groups: names of the groups of a view's points; none where they need no names.
-        first: number of the place shown first.
+        groups: names of the groups of points in a close view; empty if the groups need no names.
+        first: index in `places` of the place shown first.
         is_calm: whether the verdict is `pass`; the page then calls the place shown first the largest correction, since no
-            place counts against the map. None where there is no verdict.
+            place counts against the map. None if there is no verdict.
     """
     if not any(len(layer.points) for layer in layers):
         return None
@@ -195,13 +196,13 @@ def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> 
 
 
 def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns time [s] at the middle of each window and its inflation, at least `LEAST_INFLATION`: (W, 2)."""
+    """Returns (W, 2): the time [s] at the middle of each window, and the window's inflation, at least `LEAST_INFLATION`."""
     times = [0.5 * (window.t0 + window.t1) for window in windows]
     return over(times, np.maximum([window.bend.inflation for window in windows], LEAST_INFLATION))
 
 
 def explain_torn(settings: AuditConfig) -> str:
-    """Returns in words when a window is torn, since dots beyond the threshold need not be torn."""
+    """Returns in words when a window is torn, since a window whose inflation is above the threshold need not be torn."""
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}, or where the scans contradict its speed, whatever its "
@@ -243,7 +244,10 @@ def _encode_curve(curve: Curve) -> dict[str, Any]:
 
 
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Returns the places, and the points of all views as one array x, y, ...; a group is given by its begin and end."""
+    """Returns the places for the page's script, and the points of all their views as one encoded array x, y, x, y, ...
+
+    The views of a place name the points of each group by begin and end, counted in points of the array.
+    """
     step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
     begin = 0
@@ -265,7 +269,7 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
 
 
 def _find_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Returns the lower and the upper end of the colour scale that arrays of values share."""
+    """Returns the lower and the upper end of the colour scale that arrays of values (N,) share; 0 and 1 without values."""
     some = [v[pick_evenly(len(v), _ENOUGH)] for v in values]
     release(*values)
     known = np.concatenate([v[np.isfinite(v)] for v in some])
@@ -284,14 +288,14 @@ def _encode_floats(values: ArrayLike) -> dict[str, Any]:
 
 
 def _encode_fine(values: NDArray[np.float64]) -> dict[str, Any]:
-    """Returns values in 16 bits each, which resolve about a centimetre if the values span 600 m."""
+    """Encodes values (N,) in 16 bits each, which resolve about a centimetre if the values span 600 m."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     step = max(high - low, 1e-9) / _STEPS
     return _encode_array(np.round((values - low) / step).astype("<u2"), "u2", low, step)
 
 
 def _encode_shares(values: NDArray[np.float64], span: tuple[float, float]) -> dict[str, Any]:
-    """Returns values in 8 bits each, over a span; a value outside the span is moved to the nearer end."""
+    """Encodes values (N,) in 8 bits each over a span from low to high; values outside the span move to its nearer end."""
     step = (span[1] - span[0]) / 255.0
     return _encode_array(np.clip(np.round((values - span[0]) / step), 0, 255).astype(np.uint8), "u1", span[0], step)
 

@@ -1,4 +1,7 @@
-"""Draws the heat map: the map in grey, the path in the colours of its windows' inflation, other torn places in red."""
+"""Draws the heat map: the map in grey, the path in the colours of its windows' inflation, other torn places in red.
+
+Other torn places are jumps, spans, sums of spans and revisits, which `mqslam.results.audit_results` explains.
+"""
 
 from __future__ import annotations
 
@@ -46,10 +49,10 @@ _STRIP_IN = 0.62  # height of the strip above the map
 
 @dataclass(frozen=True, slots=True)
 class _TornPlace:
-    """A torn place, given by two scans.
+    """A torn place between two scans.
 
     Args:
-        earlier, later: numbers of the scans.
+        earlier, later: numbers of the scans in the path.
         off_m: how far the later scan is off relative to the earlier scan [m].
         is_stretch: whether the path between the two scans is torn; otherwise the scans belong to two passes of one place.
     """
@@ -66,10 +69,10 @@ def draw_heat_map(
     """Draws the heat map of an audit as a PNG file.
 
     Args:
-        points: (N, 2) points of the map [m].
-        path: (K, 2) positions of the scans that were judged [m].
-        times: (K,) times of the scans [s].
-        audit: judgement of the map; None where there is none.
+        points: (N, 2) points x, y of the map [m].
+        path: (K, 2) positions x, y of the scans that were judged, in the frame of the points [m].
+        times: (K,) times of these scans [s since the recording's start], increasing.
+        audit: judgement of the map; None if the map was not judged.
         opaque: whether the background is white, for a picture outside a page. Otherwise it is transparent, and the picture
             has 256 colours, which take a third of the bytes.
     """
@@ -98,7 +101,7 @@ def draw_heat_map(
 
 
 def _reduce_colours(picture: bytes) -> bytes:
-    """Returns a PNG file in 256 colours."""
+    """Converts the content of a PNG file to 256 colours."""
     from PIL import Image
 
     file = io.BytesIO()
@@ -107,7 +110,7 @@ def _reduce_colours(picture: bytes) -> bytes:
 
 
 def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
-    """Returns the caption of a heat map whose path has the colours of these windows."""
+    """Returns the caption of a heat map whose path has the colours of the inflation of these windows."""
     undecided = any(window.undecided is not None for window in windows)
     return (
         "every return in grey, the path in the colour of its windows' inflation: blue up to the threshold "
@@ -117,7 +120,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps, the torn spans, the torn sums of spans and the torn revisits of an audit as torn places."""
+    """Returns the jumps, torn spans, torn sums of spans and torn revisits of an audit; `times` (K,) [s] are the scans'."""
     places = [
         _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
     ]
@@ -129,7 +132,7 @@ def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
 
 
 def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:
-    """Draws torn stretches along the path and lines between torn passes; labels the worst places with their offset."""
+    """Draws torn stretches along the path (K, 2) [m] and lines between torn passes, and labels the largest offsets."""
     for place in torn:
         if place.is_stretch:
             part = path[place.earlier : place.later + 1]
@@ -150,7 +153,7 @@ def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View)
 
 
 def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn: int) -> None:
-    """Draws a strip above the map, which explains the colours and states the number of other torn places."""
+    """Draws a strip above the map that explains the colours, and the number of other torn places, `torn`."""
     box, height = axes.get_position(), figure.get_figheight()
     strip = figure.add_axes((box.x0, box.y1 + 0.22 / height, 0.56 * box.width, 0.14 / height))
     bar = figure.colorbar(colours, cax=strip, orientation="horizontal", extend="both")

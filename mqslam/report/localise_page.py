@@ -1,4 +1,4 @@
-"""Makes the page of a localisation."""
+"""Makes the page of a localisation: the scans in the map, and how accurate their poses are."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_localise_page(
         summary: content of summary.json.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -75,7 +75,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
 
 
 def _show_map(made: KeyframeMap, localised: Localised) -> Section:
-    """Returns a picture of the map with the scans in it, marked by their status."""
+    """Returns a picture of the map with the positions of the scans, marked by the scans' status."""
     curves = []
     for status, (colour, mark, _) in _STATUSES.items():
         chosen = [one is status for one in localised.statuses]

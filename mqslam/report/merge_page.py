@@ -1,4 +1,4 @@
-"""Makes the page of a merge."""
+"""Makes the page of a merge: the maps of the recordings over each other, the links between them, and the changes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def write_merge_page(folder: Path, merged: Merged, summary: Mapping[str, Any]) -
         summary: content of summary.json.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -78,7 +78,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
 
 
 def _split_points(merged: Merged) -> list[tuple[Points, str]]:
-    """Returns for each recording its points (N, 2) [m] in the merged map and its colour."""
+    """Returns the points (N, 2) [m] of each recording in the merged map, and the recording's colour."""
     keyframes = merged.kept.keyframes
     owner = np.repeat(keyframes.origins, np.diff(keyframes.rows, axis=1)[:, 0])
     recordings = range(len(keyframes.recordings))
@@ -151,12 +151,12 @@ def _show_changes(merged: Merged) -> Section | None:
 
 
 def draw_change(maps: Sequence[tuple[Points, str]], change: Change, unit_m: float = 1.0) -> list[bytes]:
-    """Draws the surroundings of a change, one picture per recording.
+    """Draws the surroundings of a change, as the content of a PNG file per recording.
 
     Args:
-        maps: points (N, 2) [m] and colour of each recording.
+        maps: points (N, 2) x, y [m] in the merged map and colour of each recording.
         change: the change.
-        unit_m: unit in which the map was made [m], on which the size of the pictures depends.
+        unit_m: unit in which the map was made, on which the side of the pictures depends.
     """
     x, y = change.place
     half = 0.5 * max(_SIDE_M * unit_m, 2.0 * float(change.size_m.max()))

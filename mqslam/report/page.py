@@ -1,4 +1,4 @@
-"""Makes the HTML page of a command: one file that loads nothing from elsewhere, made of sections by one template."""
+"""Makes the HTML page of a command from sections, by one template: a single file that loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class Figure:
     Args:
         picture: content of a PNG file, or an SVG element.
         heading: heading of the picture.
-        caption: line about the picture; empty for none.
-        description: text for readers who do not see the picture; if it is empty, they get the heading.
-        link: address that a click on the picture opens; None for none.
+        caption: line about the picture; empty for no caption.
+        description: text for readers who do not see the picture; if empty, the heading is this text.
+        link: address that a click on the picture opens; None for no link.
     """
 
     picture: bytes
@@ -70,9 +70,9 @@ class Table:
 
     Args:
         head: headings of the columns.
-        rows: cells of each row, the first of which names the row. The last cell of a short row spans the remaining columns.
-            A verdict is shown in its colour.
-        holds_words: whether the cells hold sentences, which are left-aligned and wrap.
+        rows: cells of each row. The first cell names the row; the last cell of a short row spans the remaining columns. A
+            cell that is a `VerdictStatus` is shown in the colour of the verdict.
+        holds_words: whether the cells hold sentences, which are then left-aligned and wrap.
     """
 
     head: Sequence[str]
@@ -82,7 +82,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Small pictures under a heading, with an optional line about them."""
+    """Small pictures under a heading, with an optional line about the pictures."""
 
     heading: str
     text: str = ""
@@ -94,12 +94,12 @@ class Section:
     """A part of a page.
 
     Args:
-        heading: heading of the section; empty for none.
-        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
+        heading: heading of the section; empty for no heading.
+        notes: lines for the reader; the first line stands below the heading, a click unfolds the others.
         figures: pictures side by side.
         stacked: pictures one below the other, to the right of `figures`.
-        table: a table, which stands next to the figure if there is exactly one; None for no table.
-        numbers: heading of each group of values, and their names and texts; all groups form one dense table.
+        table: a table, which stands next to the figure if there is exactly one figure; None for no table.
+        numbers: groups of values: the heading of each group, and name and text of each value. All groups form one table.
         cards: cards side by side.
         folded: a section that a click unfolds; None for none.
     """
@@ -119,9 +119,9 @@ class Explorer:
     """An interactive map, with curves over time and close views of the place that was clicked.
 
     Args:
-        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
+        notes: lines for the reader; the first line stands below the heading, a click unfolds the others.
         has_charts: whether there are curves over time.
-        colours: values that the points can be coloured by: title of each by its name.
+        colours: values that can colour the points: the title of the values by their name.
         data: data for the page's script, as JSON that is safe inside HTML.
         still: parts with pictures, which the page shows where the script cannot run.
     """
@@ -138,13 +138,13 @@ _Content = TypeVar("_Content", Section, Explorer)
 
 
 class Page:
-    """A page of a report, which is made part by part and then written.
+    """A page of a report, to which parts are added before it is written.
 
     Args:
         title: heading of the page.
         summary: content of the JSON file of the result, which holds the verdict, the warnings and the version.
         settings: every setting used, or the plan of a batch, as text.
-        facts: names and values of facts about what was judged; they stand below the heading.
+        facts: names and values of facts about what was judged, which stand below the heading.
         notes: lines for the reader on how the recording was interpreted.
         conclusion: sentences that say what the page shows.
     """
@@ -177,15 +177,15 @@ class Page:
 
     @property
     def meaning(self) -> str:
-        """What the verdict means for the reader."""
+        """What the verdict means for the reader, in a sentence; empty without a verdict."""
         return _PARTLY if self.verdict == VerdictStatus.PASS and self.unjudged else _MEANINGS.get(self.verdict, "")
 
     def add(self, name: str, make: Callable[[], Section | None]) -> None:
-        """Adds a part. If it cannot be made, the page shows a message in its place and among the warnings.
+        """Adds a part. If the part cannot be made, the page shows a message in its place and among the warnings.
 
         Args:
             name: name of the part in this message.
-            make: returns the part; None where there is nothing to show.
+            make: returns the part; None if there is nothing to show.
         """
         self.parts += self._make(name, make)
 
@@ -199,8 +199,8 @@ class Page:
         """Adds an interactive map, and parts that the page shows where the map cannot run or could not be made.
 
         Args:
-            make: returns the map; None where there is nothing to show.
-            still: name of each of these parts, and the function that returns it.
+            make: returns the map; None if there is nothing to show.
+            still: for each of these parts its name, and the function that returns the part or None.
         """
         pictures = [part for one in still for part in self._make(*one)]
         live = self._make("the map to move in", make)
@@ -221,7 +221,7 @@ class Page:
         """Writes the page as report.html into an existing folder, with the date and the command from the folder's run.log.
 
         Returns:
-            a message for each part that could not be made, with the reason; the page shows them, too.
+            A message for each part that could not be made, with the reason; the page shows them, too.
 
         Raises:
             OutputError: the file cannot be written.
@@ -235,7 +235,7 @@ class Page:
 
 
 def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> Section | None:
-    """Returns a table of the tests of a map: what each one found and what it cannot see. None if no test was made.
+    """Returns a table of the tests of a map: what each test found and what it cannot see. None if no test was made.
 
     Args:
         summary: content of audit.json or of a run's summary.json.
@@ -271,7 +271,7 @@ def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> S
 
 @cache
 def _environment() -> Environment:
-    """Returns the environment of the templates, with the filters, tests and functions that they use."""
+    """Returns jinja2's environment for the templates, with the filters, tests and functions that the templates use."""
     loader = PackageLoader("mqslam.report")
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     made.filters["data_uri"] = lambda png: Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
@@ -286,5 +286,5 @@ def _environment() -> Environment:
 
 @cache
 def _source_of(name: str) -> Markup:
-    """Returns the text of a style sheet or script, which a template inserts without escaping."""
+    """Returns the text of a style sheet or script by its file name; a template inserts the text without escaping."""
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Makes the page of a run."""
+"""Makes the page of a run: its verdict, its map and trajectory before and after optimisation, charts and numbers."""
 
 from __future__ import annotations
 
@@ -86,11 +86,11 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
     Args:
         folder: the folder.
         run: the finished run.
-        recording: the recording it was made from.
+        recording: the recording that the run processed.
         summary: content of summary.json; values that are absent or None are shown as not available.
 
     Returns:
-        a message for each part that could not be made, with the reason; the page shows them, too.
+        A message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -126,7 +126,7 @@ def _stood_still(run: Run) -> bool:
 
 
 def _describe_errors(errors: Mapping[str, Any]) -> str:
-    """Returns the errors against ground truth in words; an empty text without ground truth."""
+    """Returns the errors against ground truth, given as in summary.json, in words; an empty text for an empty mapping."""
     drift = f", drift {format_value(errors['drift_percent'])} %" if errors.get("drift_percent") is not None else ""
     return f"{format_value(errors.get('ate_rmse_m'), ' m')} off (ATE, RMSE){drift}; no part of the verdict" if errors else ""
 
@@ -169,7 +169,7 @@ def _show_maps(run: Run, sensor: str) -> Section:
 
 
 def draw_maps(maps: Sequence[tuple[PointMap, Trajectory, str]]) -> list[bytes]:
-    """Draws the point density of maps, each with its trajectory in the given colour, all at one extent and scale."""
+    """Draws the density of maps, each with its trajectory in a colour, as PNG files that share their extent and scale."""
     drawings = []
     for pointmap, track, colour in maps:
         path = track.poses[:, :2]
@@ -208,12 +208,12 @@ def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
 
 
 def _middles(run: Run) -> se2.Array:
-    """Returns the time (W,) [s] at the middle of every measurement."""
+    """Returns the time (W,) [s since the recording's start] at the middle of each of the W measurements."""
     return np.array([0.5 * (m.t0 + m.t1) for m in run.measurements])
 
 
 def _trace_psi(run: Run) -> list[Curve]:
-    """Returns curves of psi per point of every scan over time: under odometry and at its minimum, where they are known."""
+    """Returns two curves over time, as far as they are known: psi per point of each scan under odometry, and its minimum."""
     points = np.maximum([m.points for m in run.measurements], 1)
     known = (
         ("under odometry", ORANGE, np.array([m.psi_odometry for m in run.measurements])),
@@ -224,7 +224,7 @@ def _trace_psi(run: Run) -> list[Curve]:
 
 
 def _align_truth(optimised: Trajectory, truth: Trajectory | None) -> Trajectory | None:
-    """Returns the ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
+    """Returns the ground truth in the frame of the optimised trajectory; None if it is missing or cannot be aligned."""
     motion = None if truth is None else align_positions(optimised, truth)
     if truth is None or motion is None:
         return None
@@ -232,12 +232,14 @@ def _align_truth(optimised: Trajectory, truth: Trajectory | None) -> Trajectory 
 
 
 def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) -> Explorer | None:
-    """Returns the interactive map of a run: maps before and after optimisation, psi and inflation over time, and crops.
+    """Returns the interactive map of a run: maps before and after optimisation, charts of psi and inflation over time.
+
+    A click on a window shows it in close view under both trajectories. The result is None if the maps hold no points.
 
     Args:
         run: the run.
         summary: content of summary.json.
-        truth: ground truth in the frame of the optimised trajectory, or None.
+        truth: ground truth in the frame of the optimised trajectory; None without ground truth.
     """
     before = _make_layer(run.before, ORANGE, run.odometry, run.map_odometry, shown=False)
     after = _make_layer("optimised", BLUE, run.optimised, run.map_optimised, shown=True)
@@ -273,7 +275,7 @@ def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *
 
 
 def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[str]]:
-    """Returns a curve of the positions' 3-sigma ellipses, enlarged if too small to be seen, and lines of text about it.
+    """Returns a curve of the positions' 3-sigma ellipses, and lines of text about the ellipses.
 
     The ellipses would cover the path, so they are hidden until their name in the legend is clicked.
     """
@@ -294,7 +296,7 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
 
 
 def _show_windows(run: Run) -> list[Place]:
-    """Returns the texts and the crops that a click on each window shows."""
+    """Returns for each judged window the text and the close views that a click on the window shows."""
     shown = ((run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised))
     views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in shown]
     places = []
@@ -318,7 +320,10 @@ def _show_windows(run: Run) -> list[Place]:
 
 
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
-    """Returns for each window the points (M, 2) of its own pass and of other passes, in the frame of its middle pose."""
+    """Returns for each window two arrays of points (M, 2) [m]: those of its own pass, and those of other passes.
+
+    The points are in the frame of the sensor at the window's middle scan.
+    """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
     for block in pointmap.blocks() if windows else ():
@@ -334,11 +339,11 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
 
 
 def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
-    """Returns the charts along the path; None for a run of a single pose.
+    """Returns the charts over the length of the path; None for a run of a single pose.
 
     Args:
         run: the run.
-        truth: ground truth in any fixed frame, or None.
+        truth: ground truth in any fixed frame; None without ground truth.
     """
     if len(run.optimised) < 2:
         return None
@@ -347,7 +352,10 @@ def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns charts of both trajectories' error over distance and drift by segment length; [] without ground truth."""
+    """Returns charts of errors against ground truth, before and after optimisation: over distance, and by segment length.
+
+    The list is empty without ground truth, or if no error could be computed.
+    """
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))
@@ -384,7 +392,7 @@ def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
 
 
 def _are_alike(curves: Sequence[Curve]) -> bool:
-    """Returns whether the values of curves are of similar size, so that a linear axis shows all of them."""
+    """Returns whether the medians of curves differ by a factor of at most `_ALIKE`, so that one linear axis suits all."""
     medians = [float(np.median(curve.points[:, 1])) for curve in curves]
     return max(medians) <= _ALIKE * min(medians)
 
@@ -395,7 +403,7 @@ def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], b
 
 
 def _chart_correction(run: Run) -> list[Figure]:
-    """Returns a chart of how far optimisation moves each pose; [] where odometry does not cover the time of all poses."""
+    """Returns a chart of how far optimisation moves each pose; an empty list if odometry does not cover all poses."""
     stamps, after = run.optimised.stamps_us, run.optimised.poses
     if not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
         return []
@@ -421,7 +429,7 @@ def _chart_speed(track: Trajectory) -> Figure:
 
 
 def _chart_sigmas(run: Run) -> list[Figure]:
-    """Returns a chart of the standard deviations of every pose; [] where the covariances are not known."""
+    """Returns a chart of the standard deviations of every pose; an empty list if the covariances are not known."""
     sure = run.covariances
     if not len(sure.indices):
         return []
@@ -449,7 +457,7 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the names of the map's quality measures, each with its values before and after optimisation as text."""
+    """Returns the names of numbers that tell how good the map is, each with its values before and after optimisation."""
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),

@@ -1,4 +1,8 @@
-"""Lists the places of an audited map that are torn or could not be judged, with their corrections, in words and in files."""
+"""Lists the places of an audited map that are torn or could not be judged, with their corrections, in words and in files.
+
+`mqslam.results.audit_results` explains the words of an audit, such as sweep, jump, span and revisit. A sum adds up
+successive spans. A stretch is a row of successive sweeps. The correction of a place is the motion that makes its points fit.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ from mqslam.results.files import format_csv, format_numbers
 BAD_PLACES: Final = ("bad_places.csv", "bad_places.geojson")
 _WORST: Final = 10  # most places that a page shows
 _SPREAD_M: Final = 50.0  # least path length between two places of one kind, so that one bad stretch does not fill a page
-_MOST: Final = 8  # most unjudged stretches of one kind that a page names; the files hold all
+_MOST: Final = 8  # most unjudged stretches of one kind that a page names; the files name all
 _COLUMNS: Final = (
     *("kind", "torn", "t0", "t1", "x", "y", "yaw", "off_m", "dx", "dy", "dyaw"),
     *("inflation", "verdict", "description"),
@@ -40,18 +44,19 @@ class Spot:
     Args:
         kind: `window`, `jump`, `span`, `sum` or `revisit`.
         time: time of the place, in words.
-        t0, t1: begin and end of a window, or times of the earlier and the later stretch [s] since the recording's start.
+        t0, t1: begin and end of a window, or times of the earlier and the later stretch [s since the recording's start].
         pose: (3,) pose of the sensor at the window's middle, or at the later stretch, world frame.
         sweep: number of the sweep at that pose.
         stretches: numbers of the sweeps of a window, or of the earlier and of the later stretch.
-        off_m: how far the correction moves the points of a window or after a jump (root mean square), or the end of a span
-            or sum, or the later pass of a revisit [m].
-        correction: (3,) correction in the frame of the pose [m, m, rad].
-        inflation: squared size of the correction in units of its covariance; None for a jump, which is judged against other
-            steps.
+        off_m: size of the correction [m]. For a window or a jump, root mean square of how far the correction moves the
+            points; for a span, sum or revisit, length of the correction's x and y.
+        correction: (3,) correction x, y [m], yaw [rad] of a window's end relative to its begin, or of the later stretch, in
+            the frame of the pose.
+        inflation: squared size of the correction in units of its covariance; None for a jump, which is judged by comparison
+            with other steps.
         torn: whether the place counts as torn.
         text: size and direction of the correction, in words.
-        undecided: why nothing could be decided about the place, or None.
+        undecided: why nothing could be decided about the place; None if it was decided.
     """
 
     kind: str
@@ -82,16 +87,16 @@ class Spot:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Kind, time, place, size and direction of the correction, inflation and verdict, as text."""
+        """The cells of the place in a table: kind, time, position, size and motion of correction, inflation, verdict."""
         inflation = ABSENT if self.inflation is None else format_three_digits(self.inflation)
         correction = format_length(self.off_m), describe_motion(self.correction)
         return (self.kind, self.time, describe_place(self.pose), *correction, inflation, self.verdict)
 
 
 def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
-    """Returns the worst places: torn ones by the size of their correction, then windows by inflation.
+    """Returns the worst places: torn places by the size of their correction, then windows by inflation.
 
-    Places of one kind are well apart.
+    Two places of one kind are more than `_SPREAD_M` of path apart.
 
     Args:
         sweeps: the points that were judged.
@@ -108,15 +113,15 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count:
 
 
 def rank_spot(spot: Spot) -> tuple[bool, float]:
-    """Returns the rank of a place, larger if worse: torn places rank by the size of the correction, others by inflation.
+    """Returns the rank of a place, larger for a worse place: torn places rank by size of correction, others by inflation.
 
-    The correction of a place that is not torn may be large only because some direction of it is not observed.
+    The correction of a place that is not torn may be large only because the place does not show some direction.
     """
     return spot.torn, spot.off_m if spot.torn or spot.inflation is None else spot.inflation
 
 
 def spot_of_window(window: WindowAudit) -> Spot:
-    """Returns a window as a spot."""
+    """Returns the spot that describes a window, whether the window is torn or not."""
     bend = window.bend
     motion, size = describe_motion(bend.correction), format_length(bend.size_m)
     known = "" if window.torn else ", not torn" if window.undecided is None else f", undecided: {window.undecided}"
@@ -197,12 +202,13 @@ def _spot_of_pair(
     Args:
         sweeps: the points that were judged.
         kind: `jump`, `span`, `sum` or `revisit`.
-        pair: the earlier and the later sweep, in whose frames the stretches are given.
+        pair: numbers of the sweeps at the earlier and at the later stretch, at whose poses the stretches are.
         stretches: numbers of the sweeps of the earlier and of the later stretch.
-        off: size of the later stretch's correction [m], the correction (3,), and its inflation, which is None for a jump.
+        off: size of the later stretch's correction [m]; the correction (3,) x, y [m], yaw [rad] in the frame of the later
+            sweep; and its inflation, which is None for a jump.
         text: where the later stretch fits, in words.
-        matched: share of the later stretch's points that lie on the earlier one after the correction; None for a sum, whose
-            two ends are not registered on each other.
+        matched: share of the later stretch's points that lie on the earlier stretch after the correction; None for a sum,
+            whose two ends are not registered on each other.
     """
     t0, t1 = sweeps.times[list(pair)].tolist()
     time = {"jump": f"at {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}.get(kind) or _describe_stretch(t0, t1)
@@ -213,7 +219,7 @@ def _spot_of_pair(
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
-    """Returns whether a page may list both of two places: they differ in kind, or are far enough from each other."""
+    """Returns whether a page may list both of two places: they differ in kind, or are far apart along the path."""
     if a.kind != b.kind:
         return True
     if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:
@@ -229,7 +235,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
         audit: judgement of the map.
 
     Returns:
-        the cells of each row: number and kind, time, position, reason, and which rows of which file to look at.
+        The cells of each row as text: number and kind, time, position, reason, and which rows of which file to look at.
     """
     unfit, unsure = (
         "the scans before and after it do not fit at one place only",
@@ -264,7 +270,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
 
 
 def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns all torn places and all undecided windows, in the order of time.
+    """Returns all torn places and all undecided windows, in the order of the times at which they end.
 
     Args:
         sweeps: the points that were judged.
@@ -276,11 +282,13 @@ def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list
 
 
 def write_bad_places(folder: Path, spots: Sequence[Spot]) -> None:
-    """Writes bad places as CSV and as GeoJSON into an existing folder; both files are written even if there are none.
+    """Writes bad places as CSV and as GeoJSON into an existing folder; without places, both files are empty lists.
+
+    In the files, lengths are in metres, angles in radians, and times in seconds since the recording began.
 
     Args:
         folder: the folder.
-        spots: the places; the files have lengths in metres, angles in radians, times in seconds since the recording began.
+        spots: the places.
 
     Raises:
         OutputError: a file cannot be written.

@@ -1,4 +1,4 @@
-"""Formats numbers, lengths and motions as text for the pages, and gives the values of a summary labels and units."""
+"""Formats numbers, lengths and motions as text for the pages, and gives labels and units to the values of a summary."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.core.wording import left_or_right
 
 ABSENT: Final = "–"
 NOT_JUDGED: Final = "not judged"
-_SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion are left out, since they would be written as zero
+_SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # parts of a motion below these are left out, as they would be written as zero
 _UNITS: Final = {
     "per_m": " per m",
     "m": " m",
@@ -69,20 +69,20 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
 
 
 def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the label and the text of each value in a part of a summary; nested parts are left out.
+    """Returns the label and the text of each value in a part of a summary; mappings and lists in it are left out.
 
     Args:
-        group: name of the part; its ending gives the unit of values whose keys name no unit.
+        group: name of the part. Its ending, such as `_s`, gives the unit of values whose keys do not end with a unit.
         values: values of the part by their keys.
     """
     return [label_value(key, value, group) for key, value in values.items() if not isinstance(value, Mapping | list | tuple)]
 
 
 def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[str, str]]:
-    """Returns the names and texts of facts about what was judged: the recording, the drive (length, time, scans), and more.
+    """Returns names and texts of facts about what was judged: the recording, the drive (length, time, scans), and `others`.
 
     Args:
-        summary: content of summary.json or audit.json; facts that it lacks are left out.
+        summary: content of summary.json, audit.json or compare.json; facts that are not in it are left out.
         others: further facts by their names; None and empty texts are left out.
     """
     dataset = part_of(summary, "dataset")
@@ -120,7 +120,10 @@ def part_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def format_value(value: Any, unit: str = "") -> str:
-    """Returns a value of a summary as text: three significant digits, thousands separated, a dash for None and NaN."""
+    """Returns a value of a summary as text with its unit; a dash for None, NaN and infinity.
+
+    A float has three significant digits, or all digits before the point from 1000 on. Thousands are separated by commas.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ABSENT
     if isinstance(value, bool):
@@ -134,22 +137,22 @@ def format_value(value: Any, unit: str = "") -> str:
 
 
 def format_matched(share: Any) -> str:
-    """Returns the matched share (0..1) of a map's points as text in percent, or `not judged` for a map without any match.
+    """Returns the matched share (0..1) of a map's points as text in percent; `not judged` for 0, and a dash for None.
 
-    The map of a radar that stood still holds one scan only, and no other scan can match it.
+    A share of 0 does not mean a bad map: if the sensor stood still, the map holds one scan, which no other scan can match.
     """
     return NOT_JUDGED if share == 0.0 else format_value(None if share is None else 100.0 * share, " %")
 
 
 def format_change(before: Any, after: Any) -> str:
-    """Returns as text by how many percent a value changed; a dash where a value is None or `before` is zero."""
+    """Returns as text by how many percent a value changed; a dash if a value is None or `before` is zero."""
     if before is None or after is None or before == 0:
         return ABSENT
     return f"{100.0 * (after - before) / abs(before):+z.1f} %".replace("-", "−")
 
 
 def format_length(metres: float) -> str:
-    """Returns a length [m] as text; lengths below a decimetre are written in millimetres."""
+    """Returns a length [m] as text: in metres with two decimals from 0.1 m on, else in whole millimetres."""
     return f"{metres:.2f} m" if metres >= 0.1 else f"{1e3 * metres:.0f} mm"
 
 
@@ -171,10 +174,12 @@ def describe_place(position: NDArray[np.float64]) -> str:
 
 
 def describe_motion(motion: Iterable[float]) -> str:
-    """Returns a planar motion in words: how far ahead or back, left or right, and by which angle it turns.
+    """Returns a planar motion in words: how far ahead or back, how far left or right, and by which angle to which side.
 
     Args:
         motion: (3,) x [m] ahead, y [m] to the left, yaw [rad] to the left.
+
+    A motion too small for words is `nowhere`.
     """
     x, y, yaw = motion
     parts = []
