@@ -74,12 +74,7 @@ def make_keyframes(
 def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> NDArray[np.void]:
     """Returns the returns of scan k as points (N,) of type `KEYFRAME_POINT`, in the sensor's frame at the scan's start.
 
-    Args:
-        scan: scan number k of a recording.
-        k: number of the scan.
-        times: (K,) start of every scan [s] since the recording's start.
-        poses: (K, 3) pose of the sensor at these times: x, y [m], yaw [rad].
-        beam: measurement errors of the sensor.
+    The sensor has the poses (K, 3) [m, m, rad] at the times (K,) [s] at which the scans start.
     """
     returns = scan.returns
     first, last = max(k - 1, 0), min(k + 2, len(times))
@@ -130,13 +125,7 @@ def place_keyframes(
 
 
 def place_points(own: NDArray[np.void], pose: se2.Array, into: NDArray[np.float64]) -> None:
-    """Writes the x and y of a keyframe's points, converted to the map's frame, into an array.
-
-    Args:
-        own: (N,) points of type `KEYFRAME_POINT`, in the frame of the keyframe.
-        pose: (3,) pose of the keyframe in the map's frame: x, y [m], yaw [rad].
-        into: (N, 2) array that receives x, y [m].
-    """
+    """Converts points (N,) of a keyframe to the frame of its pose (3,) [m, m, rad]; writes x, y [m] into an array (N, 2)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     into[:, 0] = pose[0] + c * own["x"] - s * own["y"]
     into[:, 1] = pose[1] + s * own["x"] + c * own["y"]

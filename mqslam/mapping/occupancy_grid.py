@@ -64,15 +64,12 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
 
 
 def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
-    """Marks the free cells of a grid: cells that are not occupied and that a beam of a lidar's scans passes through.
+    """Returns the grid with its free cells: those not occupied that a beam of a lidar's scans passes through.
 
     Args:
         grid: grid with the occupied cells.
         scans: scans of the lidar; the lidar is taken to stand still during each scan.
         poses: (N, 3) pose of the lidar at the start of each scan: x, y [m], yaw [rad], in the grid's frame.
-
-    Returns:
-        A new grid; free cells that the given grid holds are not kept.
     """
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
     for scan, pose in zip(scans, poses, strict=True):
@@ -83,14 +80,11 @@ def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyG
 
 
 def mark_free_by_keyframes(grid: OccupancyGrid, keyframes: Keyframes) -> OccupancyGrid:
-    """Marks the free cells of a grid: cells that are not occupied and that a beam of a lidar's keyframes passes through.
+    """Returns the grid with its free cells: those not occupied that a beam of a lidar's keyframes passes through.
 
     Args:
         grid: grid with the occupied cells.
         keyframes: keyframes of a lidar's map, with their poses in the grid's frame.
-
-    Returns:
-        A new grid; free cells that the given grid holds are not kept.
     """
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
     for pose, (begin, end) in zip(keyframes.poses, keyframes.rows.tolist(), strict=True):
@@ -116,15 +110,10 @@ def _pass_through(
     cell_m: float,
     origin: tuple[float, float],
 ) -> None:
-    """Marks in `free` the cells that beams pass through, up to one cell before each beam's end.
+    """Marks in `free` (H, W), laid out as in `OccupancyGrid`, the cells that beams pass through, except the last cell each.
 
-    Args:
-        free: (H, W) whether each cell is free; row 0 at the lowest y, column 0 at the lowest x.
-        ranges: (N,) length of each beam [m].
-        beams: (N, 2) unit vector along each beam, in the grid's frame.
-        starts: (N, 2) start x, y of each beam [m], in the grid's frame.
-        cell_m: side of a cell.
-        origin: x, y [m] of the lower left corner of cell (0, 0), in the grid's frame.
+    Beams begin at `starts` (N, 2) [m], point along the unit vectors `beams` (N, 2), and are `ranges` (N,) [m] long. Starts,
+    unit vectors and the `origin` x, y [m] of the grid are in the grid's frame.
     """
     rows, columns = free.shape
     for i in range(len(ranges)):

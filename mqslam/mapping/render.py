@@ -246,7 +246,7 @@ def _score_strip(
     """Scores the points of a strip against all points in the strip and next to it.
 
     Args:
-        shared: the N points of the map, the column (N,) of each point, the corner (2,) [m] that columns count from, the
+        shared: the N points of the map, the column (N,) of each point, the corner (2,) [m] at which column 0 begins, the
             duration of a turn of the sensor [s], and the settings of the score.
         strip: number of the strip's first column, and of the column after its last one.
 

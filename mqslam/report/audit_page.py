@@ -280,10 +280,7 @@ def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) ->
 
 
 def _show_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns pictures of the worst places before and after correction; those of places that are not torn are folded.
-
-    Returns None if there are no places.
-    """
+    """Returns pictures of the worst places before and after correction, folded if not torn; None without places."""
     torn, fine = ([_show_crop(sweeps, k, spot) for k, spot in some] for some in _number_worst(sweeps, audit, settings))
     note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "

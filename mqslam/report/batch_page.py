@@ -97,10 +97,7 @@ def _format_number(key: str, value: Any, unit: str) -> str:
 
 
 def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
-    """Returns a run's row of the table in words: its name, verdict, reasons, what was not judged, drive and errors.
-
-    For a run that failed, the row only holds its name and the failure.
-    """
+    """Returns a run's row of the table in words (`_WORDS`); for a run that failed, only its name and the failure."""
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"

@@ -394,12 +394,9 @@ def _measure_legend(names: Sequence[str]) -> tuple[int, float]:
 
 
 def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
-    """Puts a compact legend into the space above the axes.
+    """Puts a compact legend of `names` into the space above the axes, or no legend without names.
 
-    Args:
-        axes: the axes.
-        names: names in the legend, which decide its number of columns; without names, there is no legend.
-        handles: matplotlib's handles of the curves; None takes all curves with a name on the axes.
+    The `handles` are matplotlib's handles of the curves in the legend; None takes all curves with a name on the axes.
     """
     if not names:
         return

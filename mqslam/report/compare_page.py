@@ -252,12 +252,9 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
-    """Returns whether a trajectory moves or rotates in each of N spans of time; it is taken to stand still beyond its ends.
+    """Returns (N,) whether a trajectory moves or rotates in each of N spans of time [s since the recording's start].
 
-    Args:
-        track: the trajectory.
-        spans: begin and end of each span [s since the recording's start].
-        start_us: stamp of the recording's start.
+    Before its first pose and after its last pose, the trajectory is taken to stand still.
     """
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T

@@ -352,10 +352,7 @@ def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns charts of errors against ground truth, before and after optimisation: over distance, and by segment length.
-
-    The list is empty without ground truth, or if no error could be computed.
-    """
+    """Returns charts of error over distance and drift by segment length; an empty list without ground truth or errors."""
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))

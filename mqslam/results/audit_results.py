@@ -356,10 +356,7 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show together.
-
-    If the errors are not known, the entry only says that 0 spans show them.
-    """
+    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show; 0 spans if unknown."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
@@ -372,11 +369,9 @@ def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 
 def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
-    """Returns three numbers per axis by name, such as `left_m`, `left_m_sigma` and `left_m_p_value`.
+    """Returns by name the value, standard deviation and p-value of N axes, which are the `parts`, each (N,).
 
-    Args:
-        names: names of the N axes.
-        parts: values (N,), their standard deviations (N,) and their p-values (N,).
+    The axis `left_m` becomes `left_m`, `left_m_sigma` and `left_m_p_value`.
     """
     endings = ("", "_sigma", "_p_value")
     return {

@@ -102,13 +102,9 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
 
 
 def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
-    """Returns the entry of compare.json on a row; for a row that failed, only its name and failure.
+    """Returns the entry of compare.json on a row; for a row that failed (`judged` is None), only its name and failure.
 
-    Args:
-        row: the front end or trajectory.
-        judged: its map, judged; None if the row failed.
-        across: psi across passes; None if it is not known.
-        scans: number of scans of the recording.
+    The psi across passes, `across`, is None if it is not known. `scans` is the number of scans in the recording.
     """
     if judged is None:
         return {"name": row.name, "failure": row.failure}
@@ -185,12 +181,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 
 
 def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
-    """Returns a table as Markdown, with the best values bold.
-
-    Args:
-        cells: the lines of the table, its head first, as `tabulate` returns them.
-        marked: (line, column) of the best values.
-    """
+    """Returns a table as Markdown, with the best values bold; `tabulate` returns both arguments."""
     lines = []
     for k, line in enumerate(cells):
         words = [text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ") for text in line]

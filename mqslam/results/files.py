@@ -84,10 +84,7 @@ def format_log(title: str, lines: Sequence[str]) -> str:
 
 
 def read_origin(folder: Path) -> list[tuple[str, str]]:
-    """Returns when and by which command a folder's results were made, as pairs of name and text from its run.log.
-
-    The pairs are named `finished` and `command`; the list is empty if the folder has no run.log.
-    """
+    """Returns the lines `finished` and `command` of a folder's run.log as pairs (name, text); no pairs without run.log."""
     log = folder / "run.log"
     lines = log.read_text(encoding="utf-8").splitlines()[1:3] if log.is_file() else []
     return [(name, value) for name, _, value in (line.partition(": ") for line in lines)]
@@ -142,9 +139,6 @@ def name_evo_command(folder: Path) -> str:
     """Returns the command with which evo computes the ATE that the report shows; an empty text without ground truth.
 
     If evo is not on the PATH but is installed next to the running Python, the command names evo by its full path.
-
-    Args:
-        folder: folder of the results, into which `write_truth` wrote.
     """
     if not (folder / TRUTH).is_file():
         return ""

@@ -247,10 +247,7 @@ def format_graph_table(run: Run) -> str:
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
     """Returns the kind of an edge: `measurement`, `map`, `motion`, `loop` or `refinement`.
 
-    Args:
-        ends: numbers of the edge's two vertices; scans are numbered from 0, and submaps from `size`.
-        size: number of scans.
-        loss: name of the edge's robust loss, by which loop closures are told from refinements.
+    The `ends` of the edge are numbers of vertices: below `size` those of scans, from `size` on those of submaps.
     """
     a, b = ends
     if a >= size:

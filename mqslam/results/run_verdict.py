@@ -100,10 +100,7 @@ def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns the beginning and the end of each long stop [s since the recording's start].
-
-    The map holds only the first scan of a stop.
-    """
+    """Returns begin and end of each long stop [s since the recording's start]; the map holds only the first scan of it."""
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
@@ -213,11 +210,6 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
 
     The list is empty if psi is not known or was not positive, if the graph had nothing to optimise, if no window was judged,
     or if no point of the map is matched.
-
-    Args:
-        run: the finished run.
-        before: psi per point before optimisation; None if it is not known.
-        after: psi per point after optimisation; None if it is not known.
     """
     is_optimised = run.unoptimised is None and bool(run.odometry_factors or run.loops)
     if not (is_optimised and run.checks and run.map_optimised.matched_share) or after is None or not before or before < 0.0:

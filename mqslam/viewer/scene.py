@@ -92,17 +92,9 @@ def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
 
 
 def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
-    """Reads the loop closures of a pose graph: its edges between scans that do not follow each other.
+    """Reads the two scans (L, 2) of each loop closure in a graph: an edge between scans that do not follow each other.
 
-    Args:
-        path: the graph, a g2o file.
-        scans: number of scans, whose poses come first in the graph.
-
-    Returns:
-        (L, 2) numbers of the two scans that each loop closure connects.
-
-    Raises:
-        DataError: the graph has fewer poses than scans, or an edge to a pose that it does not hold.
+    The first `scans` poses of the graph are those of scans; `DataError` is raised if the graph cannot be of these scans.
     """
     edges, poses = read_edges(path)
     if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
