@@ -139,9 +139,9 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
         caption = f"a window is torn if it is above the threshold and its correction moves its points by more than {bend}"
         charts.append(Figure(draw_chart(chart_inflation(audit.windows)), "Inflation of the windows", caption))
     if audit.revisits:
-        caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
+        caption = f"a sure revisit is torn beyond the tolerance or {np.rad2deg(settings.torn_rad):.2g}° of turn"
         if any(revisit.stated_covariance is not None for revisit in audit.revisits):
-            caption = "torn where the covariances of the measurement and of the trajectory do not explain the offset"
+            caption = "a revisit is torn where the covariances of measurement and trajectory do not explain the offset"
         chart = _chart_revisits(audit.revisits, settings, sweeps.travelled, "path [m]")
         charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
     note = (

@@ -79,7 +79,7 @@ def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
     runs = summary["runs"]
     notes = (
         "Runs that failed come first, then the worst maps. A name leads to the report of its run.",
-        "A map that passes may have faults in what was not judged: where the length of range bins is assumed, the scale.",
+        "A map that passes may have faults in what was not judged, such as the scale if the range bins' length is assumed.",
     )
     head = ("run", *(name for _, name, _ in _NUMBERS))
     finished = [
@@ -116,7 +116,7 @@ def _describe_drive(run: Mapping[str, Any]) -> str:
 
 def _describe_errors(run: Mapping[str, Any]) -> str:
     if run["ate_rmse_m"] is None:
-        return "there is none"
+        return "no ground truth"
     drift = "" if run["drift_percent"] is None else f", drift of {format_value(run['drift_percent'])} %"
     return f"{format_length(run['ate_rmse_m'])} off (ATE, RMSE){drift}"
 

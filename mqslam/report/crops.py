@@ -23,7 +23,10 @@ _LEAST = 0.02  # weight of a point that the correction brings no closer to other
 _CELLS = 4  # cells along the side of a crop, in which weights are summed to choose the crop
 
 Crop: TypeAlias = tuple[list[Points], list[Points]]
-"""Points of a place before and after correction: arrays (M, 2) [m], one per sweep or pass in order, in the spot's frame."""
+"""Points of a place before and after correction: for each, arrays (M, 2) x, y [m] in the frame of the spot's pose.
+
+There is an array for each sweep of a window, or one for the earlier and one for the later stretch.
+"""
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:

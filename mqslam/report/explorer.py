@@ -40,7 +40,7 @@ LEVELS: Final = (
     (f"threshold {TORN_INFLATION:.1f}", TORN_INFLATION, RED),
     (f"expected median {EXPECTED:.2f}", EXPECTED, INK),
 )
-"""Name, value and colour of the levels that inflation is compared with."""
+"""Name, value and colour of each level that a chart compares inflation with."""
 
 # limits of a page's size: a few megabytes, which a browser can still move smoothly
 MOST_POINTS: Final = 90_000  # points of all layers together

@@ -120,7 +120,7 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
         "links, where the pose of the recordings relative to each other is known well enough."
     ]
     if not changes:
-        notes.append("None was found.")
+        notes.append("No change was found.")
     if len(changes) > _LISTED:
         notes.append(f"The {_LISTED} largest of {len(changes)} are listed; changes.csv has all of them.")
     rows = [

@@ -309,8 +309,8 @@ def _show_windows(run: Run) -> list[Place]:
                 window.t0,
                 window.t1,
                 f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {format_three_digits(window.bend.inflation)}",
-                f"{torn}best with its end moved {describe_motion(window.bend.correction)}, which moves its points by "
-                f"{format_length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of them are seen twice",
+                f"{torn}best with the window's end moved {describe_motion(window.bend.correction)}, which moves points by "
+                f"{format_length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of the points are seen twice",
                 [(name, crops[k], (BLUE, ORANGE)) for name, crops in views],
                 window.torn,
                 window.undecided is not None,

@@ -154,7 +154,7 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
     spots: list[Spot] = []
     off: tuple[float, se2.Array, float | None]
     for registration in (jump.registration for jump in audit.jumps):
-        fit = f"What was seen after it fits where it is moved {describe_motion(registration.offset)}"
+        fit = f"What was seen after the jump fits if it is moved {describe_motion(registration.offset)}"
         text = f"{fit}, which moves its points by {format_length(registration.size_m)}"
         pair, off = (registration.earlier, registration.later), (registration.size_m, registration.offset, None)
         spots.append(_spot_of_pair(sweeps, "jump", pair, pick_sides(registration.later), off, text, registration.matched))

@@ -41,9 +41,10 @@ _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radi
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
 
 Columns: TypeAlias = dict[str | tuple[str, ...], Callable[[Any, Sweeps], Any]]
-"""Columns of a CSV file in order: under one or more names, the function that makes their cells from an item and the sweeps.
+"""Columns of a CSV file in order: by the name of a column, or the names of several, the function that makes their cells.
 
-Lengths are in metres, angles in radians, times in seconds since the recording began.
+The function takes a window, revisit, step or span, and the sweeps. Lengths are in metres, angles in radians, times in
+seconds since the recording began.
 """
 
 _WINDOW: Final[Columns] = {

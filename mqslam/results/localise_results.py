@@ -104,8 +104,8 @@ def _list_warnings(localised: Localised) -> list[str]:
     if not localised.is_scale_measured:
         warnings.append(
             "the recording is too short to measure how accurate its poses are: "
-            f"{count_of(localised.samples, 'pair')} of scans could be compared, and it takes {FEWEST_PAIRS}; "
-            "the covariances of the poses are therefore scaled by a usual factor"
+            f"{count_of(localised.samples, 'pair')} of scans could be compared, but {FEWEST_PAIRS} are needed; "
+            "the covariances of the poses are therefore scaled by the factor that is usual on other drives"
         )
     return warnings
 

@@ -129,8 +129,9 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
     summary["warnings"] += failures
     lines = list_notes(summary)
     lines += [
-        f"recognition of result {m['later']} in result {m['earlier']}: {m['matches']} matches in {m['rows']} rows, of which "
-        f"{m['agreeing']} agree, {m['rivals']} on the next likely relation; {m['ambiguous']} submaps match several places"
+        f"recognition of result {m['later']} in result {m['earlier']}: {m['matches']} matches in {m['rows']} rows; "
+        f"{m['agreeing']} matches agree on the likeliest relative pose of the recordings, and {m['rivals']} on the next "
+        f"likeliest; {m['ambiguous']} submaps match several places"
         for m in summary["recognition"]
     ]
     title = f"mqslam {summary['mqslam_version']}: merge of {', '.join(summary['results'])}"

@@ -36,7 +36,7 @@ _DEGENERATE_WARN = 0.1
 # be a little above 1, since two passes that loops bring together have a higher psi than each pass alone.
 _WORSE = 1.1
 _LISTED: Final = 5  # largest number of gaps that are named one by one, so that the warnings stay readable
-_SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
+_SEEN_BY_CHIRPS: Final = "; velocities measured by chirps give the motion there"
 _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in one line
 
 
@@ -86,7 +86,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""
     unobserved = find_stretches(run.measurements, Status.DEGENERATE)
-    warnings += [f"{line}{remark}" for line in _warn_of_stretches("did not observe every direction", unobserved)]
+    warnings += [f"{line}{remark}" for line in _warn_of_stretches("the scans did not observe every direction", unobserved)]
     if run.refined.refused:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     who, holds = f"the {recording.sensor_name} stood still", "the map holds only the first scan of that time"
@@ -96,7 +96,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
     """Returns a warning for each stretch in which a front end lost track; stretches near each other share one warning."""
-    return _warn_of_stretches("lost track", find_stretches(measurements, Status.LOST))
+    return _warn_of_stretches("the front end lost track", find_stretches(measurements, Status.LOST))
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
@@ -156,7 +156,7 @@ def _judge_track(run: Run) -> list[Finding]:
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
     if lost.count:
         grave = lost.is_above(_LOST_FAIL)
-        reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
+        reason = f"{lost.count} of {lost.total} scans lost track, and their poses are predictions"
         status = VerdictStatus.FAIL if grave else VerdictStatus.WARN
         findings = [Finding(status, reason, cause=Cause.TRACKING, explanation=reason)]
     if run.unread:
@@ -164,7 +164,7 @@ def _judge_track(run: Run) -> list[Finding]:
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason))
     if degenerate.is_above(_DEGENERATE_WARN):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
-        explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; odometry would fill this in"
+        explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; odometry would help there"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.TRACKING, explanation=explanation))
     return findings
 
@@ -177,7 +177,7 @@ def _judge_passes(run: Run) -> list[Finding]:
 
 def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
     """Returns a finding of this status and reason, which is explained by an optimisation that made the map worse."""
-    explanation = "loops or other sensors bend the map: it was crisper before they were used; try the run without them"
+    explanation = "loops or other sensors bend the map, which was crisper before optimisation; try a run without them"
     return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
 
@@ -190,7 +190,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason, cause=Cause.OPTIMISATION, explanation=reason)]
     if run.checks and run.map_optimised.matched_share == 0.0:
-        reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
+        reason = "no point of the map was seen by two of its scans, so that nothing shows how good the map is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     findings = []
     for status, ratio in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
@@ -233,7 +233,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor:
         if missing_s < longest_coast_s:
             warnings.append(f"{sensor} gap {where}")
         else:
-            guess = "the poses beyond it are a guess unless a loop closure ties them"
+            guess = "the poses after it are guesses unless a loop closure connects them to poses before it"
             warnings.append(f"jump of the clock or pause {where}: {guess}")
     if len(gaps) > _LISTED:
         missing_s = sum(missing for _, missing in gaps)

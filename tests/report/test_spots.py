@@ -116,7 +116,7 @@ def test_jumps_and_spans_are_among_the_worst_places_with_what_would_mend_them() 
     found = find_worst_spots(WALLS, replace(audit_of([], []), jumps=[jump], spans=[span, whole]), SETTINGS)
     assert [(spot.kind, spot.time) for spot in found] == [("jump", "at 6.5 s"), ("span", "5.0 s to 6.5 s")]
     assert found[0].text == (
-        "What was seen after it fits where it is moved 2.00 m back, 0.50 m left, which moves its points by 2.06 m; "
+        "What was seen after the jump fits if it is moved 2.00 m back, 0.50 m left, which moves its points by 2.06 m; "
         "75 % of its points then lie on what was seen before."
     )
     assert "The end of the span fits 0.30 m from where the trajectory has it, moved 0.30 m left" in found[1].text
