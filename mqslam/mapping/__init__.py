@@ -1,1 +1,1 @@
-"""Maps rendered from scans along a trajectory."""
+"""Renders maps and keyframes from scans along a trajectory, and computes occupancy grids and measures of map quality."""

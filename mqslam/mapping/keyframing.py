@@ -21,7 +21,7 @@ KEYFRAME_SPACING_M = 2.5
 
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Returns the indices of points about `spacing_m` apart on a path: the first point at or after each multiple of it.
+    """Returns the indices of points about `spacing_m` apart on a path: the first at or after each multiple of `spacing_m`.
 
     Args:
         travelled: (N,) length of the path from its start to each point [m]; the first point is always picked.
@@ -125,7 +125,7 @@ def place_keyframes(
 
 
 def place_points(own: NDArray[np.void], pose: se2.Array, into: NDArray[np.float64]) -> None:
-    """Converts points (N,) of a keyframe to the frame of its pose (3,) [m, m, rad]; writes x, y [m] into an array (N, 2)."""
+    """Writes x, y [m] of a keyframe's points (N,) into an array (N, 2), in the frame in which its pose (3,) is given."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     into[:, 0] = pose[0] + c * own["x"] - s * own["y"]
     into[:, 1] = pose[1] + s * own["x"] + c * own["y"]

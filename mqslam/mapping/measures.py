@@ -108,7 +108,7 @@ def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float6
 def accumulate_evidence(
     begins: NDArray[np.float64], ends: NDArray[np.float64], shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Computes for each cell of a grid the log odds that it is occupied: beams that cross it lower them, ends raise them.
+    """Computes the log odds that each cell of a grid is occupied: a crossing beam lowers the odds, a beam's end raises them.
 
     Args:
         begins: (N, 2) start x, y of each beam, in cells from the grid's corner.

@@ -110,10 +110,10 @@ def _pass_through(
     cell_m: float,
     origin: tuple[float, float],
 ) -> None:
-    """Marks in `free` (H, W), laid out as in `OccupancyGrid`, the cells that beams pass through, except the last cell each.
+    """Marks in `free` (H, W) the cells that beams pass through, up to one cell before each beam's end.
 
     Beams begin at `starts` (N, 2) [m], point along the unit vectors `beams` (N, 2), and are `ranges` (N,) [m] long. Starts,
-    unit vectors and the `origin` x, y [m] of the grid are in the grid's frame.
+    unit vectors and the `origin` x, y [m] are in the frame of the grid, which is laid out as in `OccupancyGrid`.
     """
     rows, columns = free.shape
     for i in range(len(ranges)):

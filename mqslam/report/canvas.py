@@ -68,7 +68,7 @@ class Curve:
     """A line or dots in a chart or on a map.
 
     Args:
-        name: name in the legend; empty for none.
+        name: name in the legend; empty for no entry in the legend.
         colour: colour of the curve.
         points: (N, 2) x and y of each point, in the units of the axes ([m] on a map); a row of NaN interrupts a line.
         style: style of a line, or marker of dots, as matplotlib names it; `-o` and `--o` for lines with dots.
@@ -103,7 +103,7 @@ class Chart:
         levels: name, value and colour of each horizontal line across the chart.
         log: names of the logarithmic axes: `x`, `y` for the left y axis, `beside` for the right one.
         x_title: title of the x axis.
-        beside: title of the right y axis; empty for none.
+        beside: title of the right y axis; empty for no such axis.
         top: upper end of the y axes; None fits it to the values.
     """
 

@@ -180,7 +180,7 @@ def explore(
 
 
 def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> Chart:
-    """Returns a chart of the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
+    """Returns a chart of the inflation of windows over time: torn windows are red triangles, undecided windows grey squares.
 
     Args:
         windows: the windows.
@@ -269,7 +269,7 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
 
 
 def _find_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Returns the lower and the upper end of the colour scale that arrays of values (N,) share; 0 and 1 without values."""
+    """Returns lower and upper end of the colour scale that arrays of values (N,) share; (0, 1) without finite values."""
     some = [v[pick_evenly(len(v), _ENOUGH)] for v in values]
     release(*values)
     known = np.concatenate([v[np.isfinite(v)] for v in some])

@@ -120,7 +120,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps, torn spans, torn sums of spans and torn revisits of an audit; `times` (K,) [s] are the scans'."""
+    """Returns the jumps, torn spans, torn sums of spans and torn revisits of an audit of scans at the `times` (K,) [s]."""
     places = [
         _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
     ]
@@ -153,7 +153,7 @@ def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View)
 
 
 def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn: int) -> None:
-    """Draws a strip above the map that explains the colours, and the number of other torn places, `torn`."""
+    """Draws a strip above the map that explains the colours, and writes next to it how many other places are torn."""
     box, height = axes.get_position(), figure.get_figheight()
     strip = figure.add_axes((box.x0, box.y1 + 0.22 / height, 0.56 * box.width, 0.14 / height))
     bar = figure.colorbar(colours, cax=strip, orientation="horizontal", extend="both")

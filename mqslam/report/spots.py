@@ -202,7 +202,7 @@ def _spot_of_pair(
     Args:
         sweeps: the points that were judged.
         kind: `jump`, `span`, `sum` or `revisit`.
-        pair: numbers of the sweeps at the earlier and at the later stretch, at whose poses the stretches are.
+        pair: number of the sweep at the earlier stretch, and of the sweep at the later stretch, where the spot is.
         stretches: numbers of the sweeps of the earlier and of the later stretch.
         off: size of the later stretch's correction [m]; the correction (3,) x, y [m], yaw [rad] in the frame of the later
             sweep; and its inflation, which is None for a jump.

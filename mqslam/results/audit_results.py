@@ -1,8 +1,9 @@
 """Writes the results of an audit: its numbers as JSON, and the judgement of every window, revisit, step and span as CSV.
 
-A step lies between two successive scans; a jump is a step at which the map jumps. A revisit is a place that the trajectory
-comes back to, a span a stretch of path; the scans at the ends of both are registered on each other, to measure an offset. A
-sweep is a scan, or one turn of the sensor in a point cloud. An item is torn if it is off by more than chance and tolerance.
+A step is the place between two successive scans; a jump is a torn step. A revisit is a place that the trajectory passes
+twice: the later pass is registered on the earlier pass. A span is a stretch of path: its end is registered on its begin. A
+sweep is a scan, or one turn of the sensor in a point cloud. A window, step, revisit or span is torn if it is off by more
+than chance explains and by more than is tolerated. Inflation is the squared size of a correction in units of its covariance.
 """
 
 from __future__ import annotations
@@ -210,7 +211,7 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns entries of audit.json: the number of torn items, and bounds of their true share at the `CONFIDENCE`."""
+    """Returns entries of audit.json: the number of torn windows or revisits, and bounds of their true share."""
     bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
     return {"torn": torn.count, **bounds}
 
@@ -357,7 +358,7 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show; 0 spans if unknown."""
+    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show; None is 0 spans."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
@@ -370,9 +371,9 @@ def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 
 def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
-    """Returns by name the value, standard deviation and p-value of N axes, which are the `parts`, each (N,).
+    """Returns by name the values, standard deviations and p-values, each (N,), that are given for N axes.
 
-    The axis `left_m` becomes `left_m`, `left_m_sigma` and `left_m_p_value`.
+    The axis `left_m` has the three names `left_m`, `left_m_sigma` and `left_m_p_value`.
     """
     endings = ("", "_sigma", "_p_value")
     return {

@@ -21,7 +21,7 @@ class Order:
     """One run in the plan of a batch.
 
     Args:
-        name: name of its folder of results in the batch's folder.
+        name: name of the run's folder of results in the batch's folder.
         data: the recording, as an absolute path.
         frontend: name of the front end.
         settings: all settings.

@@ -69,7 +69,7 @@ def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -
 
 
 def format_log(title: str, lines: Sequence[str]) -> str:
-    """Returns the text of run.log: a title, the time, the command and the versions of a result, and notes on it.
+    """Returns the text of run.log: a title, the time, the command, the versions of the libraries, and the given lines.
 
     Args:
         title: first line, which names the work and its data.

@@ -83,8 +83,8 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     """Returns the uncertainty of the recordings' alignment, and the share of it that is small enough to search for changes.
 
-    The uncertainty is the median and the largest standard deviation [m] of one recording's keyframes relative to another
-    recording. All values are None if no standard deviation is known.
+    The uncertainty consists of the standard deviations [m] of each keyframe relative to each other recording; the result
+    holds their median and their maximum. All values are None if no standard deviation is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]

@@ -294,7 +294,7 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns for each further sensor how it is used, and how far it moves the trajectory; None for a missing sensor."""
+    """Returns how gyroscope, GNSS and chirps are used, and how far each moves the trajectory; None for a missing sensor."""
     used = run.sensors
     found: dict[str, dict[str, Any] | None] = {
         "gyroscope": None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope),

@@ -69,7 +69,7 @@ def _judge_nothing(finding: Finding) -> Finding:
 
 
 def _judge_direction(run: Run) -> list[Finding]:
-    """Returns a finding that the map is mirrored if other sensors turn the other way than the radar; else an empty list."""
+    """Returns the finding that the map is mirrored if other sensors turn the other way than the radar; else no finding."""
     opposite = run.sensors.opposite
     if not opposite:
         return []
@@ -100,7 +100,7 @@ def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns begin and end of each long stop [s since the recording's start]; the map holds only the first scan of it."""
+    """Returns begin and end of each long stop [s since the recording's start]; the map holds only a stop's first scan."""
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
