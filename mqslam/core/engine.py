@@ -53,7 +53,7 @@ class Engine(Protocol):
         ...
 
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> AbstractContextManager[Callable[[], R] | None]:
-        """Starts function(shared, item) in another process, which runs it in parallel with the block of the context.
+        """Starts function(shared, item) in another process, so that it runs while the block of the context runs.
 
         Args:
             function: the function to call.
@@ -65,7 +65,7 @@ class Engine(Protocol):
             process.
 
         Raises:
-            WorkerError: the process that made the call died.
+            WorkerError: the other process died.
         """
         ...
 

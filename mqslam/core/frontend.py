@@ -1,4 +1,4 @@
-"""The protocol of front ends, and functions that load a front end by its name and check its motions."""
+"""What a front end is and what it may use, how one is loaded by its name, and the checks of the motions that it returns."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from mqslam.core.wording import name_sensor
 from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, require_type, suggest
 
 _FILE = ".py"  # suffix of a front end that is a file
-_NEGATIVE = 1e-6  # a negative eigenvalue of a covariance is a rounding error if it is smaller than this share of the trace
+_NEGATIVE = 1e-6  # a negative eigenvalue of a covariance above minus this share of the trace is a rounding error
 
 
 def ignore_motion(motion: Measurement) -> None:
-    """Ignores a motion; the default for `Context.preview`."""
+    """Does nothing with a motion; the default of `Context.preview`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,22 +42,22 @@ class Context:
         config: all settings.
         revolution_s: usual duration of a revolution of the radar [s].
         start_us: stamp [us] of the recording's time zero.
-        odometry: dead-reckoned poses from another source, or None.
+        odometry: dead-reckoned poses of the sensor from another source, or None.
         doppler_beta: range shift per closing speed [s], from the settings or as measured.
         doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
         stamp_sigma_s: standard deviation of a scan's stamp [s], as estimated by the reader of the recording.
-        preview: called with each motion, in order, as soon as the front end has a first estimate of it, to display it. A
-            front end that yields its motions as it measures them need not call it.
+        preview: called in order with the first estimate of each motion, as soon as there is one, to display the motion. A
+            front end that yields each motion as soon as it is measured need not call this function.
         sensors: the other sensors of the vehicle, for the stages after the front end.
-        turning: yaw rates of the radar from a gyroscope that agrees with motions measured before, or None. They help
-            where a front end finds no motion, but must not add information to a motion, because the graph contains the
-            gyroscope itself.
+        turning: yaw rates of the radar from a gyroscope that agrees with the motions of the front end's first run, or
+            None. They help where the front end finds no motion, but must not add information to a motion, because the
+            graph contains the gyroscope itself.
         velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
         engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
         is_resolution_assumed: True if the recording does not state the length of its range bins, so that the layout's usual
             length is used.
-        is_lidar: whether the scans come from a lidar. A lidar sees the same surfaces from every position, and odometry
-            predicts its next motion better than its previous motion does.
+        is_lidar: whether the scans come from a lidar. A lidar sees the same surfaces from every position, and its next
+            motion is predicted better by odometry than by the motion before.
     """
 
     config: Config
@@ -100,7 +100,7 @@ class Context:
 
     @property
     def sensor_name(self) -> str:
-        """What messages call the sensor that took the recording: `radar` or `lidar`."""
+        """Name of the sensor that took the recording, for messages: `radar` or `lidar`."""
         return name_sensor(is_lidar=self.is_lidar)
 
     def scale(self, factor: float) -> Self:
@@ -112,7 +112,10 @@ class Context:
         return replace(self, config=scale_settings(self.config, factor), odometry=odometry)
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) of the odometry between two times [s], or None if the odometry does not cover them."""
+        """Returns the mean twist of the odometry between two times [s], or None if the odometry does not cover them.
+
+        The twist (3,) is forward and left [m/s] and yaw rate [rad/s], in the sensor's frame.
+        """
         if self.odometry is None or t1 <= t0:
             return None
         stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
@@ -121,10 +124,10 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) between two times [s] from odometry, chirps and gyroscope, or None if all are missing.
+        """Returns the mean twist between two times [s] from odometry, chirps and gyroscope, or None if all are missing.
 
-        A component that no sensor measures is NaN. The yaw rate of the gyroscope and the velocity from the chirps are more
-        accurate than the odometry's, so they are preferred.
+        The twist (3,) is as in `odometry_twist`; a component that no sensor measures is NaN. The gyroscope's yaw rate and
+        the chirps' velocity replace those of the odometry, which is less accurate.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()
@@ -177,7 +180,7 @@ def require(name: str) -> None:
     """Checks that a front end exists, without importing it.
 
     Raises:
-        ConfigError: no front end has that name, there is no such file, or something else than a text is given.
+        ConfigError: no front end has that name, there is no such file, or the name is not a text.
     """
     expected = "a text: the name of a front end, such as psi, or the path of a Python file that defines one"
     require_type(name, str, "frontend", expected)
@@ -189,7 +192,7 @@ def require(name: str) -> None:
 
 @cache
 def _load_file(path: Path) -> type[FrontEnd]:
-    """Loads the class with a method `measure` that a Python file defines.
+    """Loads the one class in a Python file that has a method `measure`.
 
     Raises:
         ConfigError: the file defines no such class, or more than one.
@@ -240,8 +243,9 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
         scans: scans of the recording.
 
     Raises:
-        EstimationError: a motion has numbers that are not finite or an invalid covariance, or the number of motions is
-            wrong.
+        ConfigError: no front end has that name, or it cannot be imported.
+        EstimationError: a motion has wrong shapes, numbers that are not finite or negative variances, or the number of
+            motions is wrong.
         FrontEndError: the front end fails with an error of its own.
     """
     front_end, count = create(name, context), 0
@@ -262,7 +266,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
 
 def _wrap_yaw(motion: Measurement) -> Measurement:
-    """Wraps the yaw of a motion to -180..180 deg, because a front end may return a yaw that is off by 360 deg."""
+    """Returns a motion with its yaw wrapped to -pi..pi, because a front end may return a yaw beyond these limits."""
     if abs(motion.pose[2]) <= np.pi:
         return motion
     return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))

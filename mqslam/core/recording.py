@@ -62,7 +62,7 @@ class Recording(ABC):
         path: the recording.
         format: name of its layout.
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
-        turns_us: (N,) int64 [us], duration of each revolution: the time until the next one begins, unless a gap follows.
+        turns_us: (N,) int64 [us], duration of each revolution, without the gap that may follow it.
         range_resolution: length of a range bin [m].
         range_offset: true range of an object at rest minus the range of the bin's centre [m].
         is_resolution_assumed: True if the recording does not state the length of its range bins, so that the layout's usual
@@ -78,7 +78,7 @@ class Recording(ABC):
         fixes: GNSS fixes that the recording contains, or None.
         mount: where the radar sits on the vehicle, as the recording states it, or None.
         notes: what a user should know about how the recording was understood.
-        faults: defects of the recording that were left out or corrected.
+        faults: defects of the recording, each with what was left out or corrected because of it.
     """
 
     path: Path
@@ -112,7 +112,7 @@ class Recording(ABC):
 
     @abstractmethod
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other, holding one at a time.
+        """Yields the polar scans start <= k < stop, or up to the last if `stop` is None; only one is in memory at a time.
 
         Raises:
             DataError: a polar scan cannot be read; the error names its file.
@@ -123,7 +123,7 @@ class Recording(ABC):
 
     @property
     def sensor_name(self) -> str:
-        """What messages call the sensor that took the recording: `radar` or `lidar`."""
+        """Name of the sensor that took the recording, for messages: `radar` or `lidar`."""
         return name_sensor(is_lidar=isinstance(self, LidarRecording))
 
     @property
@@ -163,11 +163,11 @@ class Recording(ABC):
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def complete(self, track: Trajectory) -> Trajectory:
-        """Returns the track of the recording's scans; a lidar's recording adds poses of the scans that it left out."""
+        """Returns a track of the scans unchanged; a lidar's recording adds poses of the scans that it left out."""
         return track
 
     def gaps(self) -> list[tuple[int, float]]:
-        """Lists the polar scans that end before the next one begins: (index, seconds missing)."""
+        """Lists the gaps between polar scans: (index of the scan before the gap, length of the gap [s])."""
         missing = (self.stamps_us[1:] - self.ends_us[:-1]) * 1e-6
         return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.0)]
 
@@ -179,10 +179,10 @@ class LidarRecording(Recording):
     The odometry consists of poses of the lidar itself.
 
     Args:
-        scans: the scans, each lasting from the stamp of its first beam to that of the next scan. Times count from the
-            first scan's stamp [s]; intensities are 0 where the recording has none.
+        scans: the scans, each lasting from its own stamp, at its first beam, to the stamp of the next scan. Times count
+            from the first scan's stamp [s]; intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-        every_us: (M,) [us] stamps of all scans of the recording, of which `scans` may hold a part; None if it holds all.
+        every_us: (M,) [us] stamps of all scans of the recording if `scans` holds only some of them; None if it holds all.
     """
 
     scans: Scans = field(kw_only=True)
@@ -199,7 +199,7 @@ class LidarRecording(Recording):
         odometry: Trajectory | None,
         notes: tuple[str, ...],
     ) -> Self:
-        """Makes a recording.
+        """Makes a recording from its scans, with the durations that follow from their stamps.
 
         Args:
             path: the recording.
@@ -222,16 +222,18 @@ class LidarRecording(Recording):
         return self._hold(self.scans.take(chosen))
 
     def cut(self, first: int, after: int) -> Self:
-        """Returns the scans first <= k < after, two or more, whose times count from the first of them."""
+        """Returns a part of the recording: the scans first <= k < after, two or more, with times from the first of them."""
         return self._hold(self.scans[first:after].count_from_first())
 
     def _hold(self, part: Scans) -> Self:
-        """Returns the recording with only these scans."""
+        """Returns the recording with only these scans, and the durations that follow from their stamps."""
         part = replace(part, revolution_s=float(np.median(np.diff(part.start_times))))
         return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
 
     def complete(self, track: Trajectory) -> Trajectory:
         """Adds poses of the scans that were left out: odometry, corrected to agree with the poses before and after them.
+
+        Without odometry, or if no scans were left out, the track is returned unchanged.
 
         Args:
             track: poses of the scans that the recording holds.
@@ -260,7 +262,7 @@ def _measure_turns(scans: Scans) -> NDArray[np.int64]:
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
-    """Makes scans that end where the next one begins; the last one ends a median step after its stamp.
+    """Makes scans that each last until the next one begins; the last one ends a median step after its stamp.
 
     Args:
         stamps_us: (N,) [us], strictly increasing, at least two.

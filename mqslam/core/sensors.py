@@ -14,7 +14,7 @@ from mqslam.core.wording import count_of
 
 
 class _Stamped:
-    """Base of sensor readings with stamps."""
+    """Base of the classes that hold stamped readings of a sensor."""
 
     __slots__ = ()
     stamps_us: NDArray[np.int64]
@@ -50,7 +50,7 @@ class Gyroscope(_Stamped):
     own_clock: bool = False
 
 
-_LONGEST: Final = 5.0  # a time between two readings that is longer than this many median times counts as a gap
+_LONGEST: Final = 5.0  # a step between readings that is longer than this many median steps counts as a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class Turning:
         return cls(times, angles, gaps)
 
     def between(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the rotations (M,) [rad] from times to later times (M,) [s]; NaN across gaps and beyond the readings."""
+        """Returns the rotations (M,) [rad] from `begins` to `ends` (M,) [s]; NaN across gaps and beyond the readings."""
         turned = np.interp(ends, self.times, self.angles) - np.interp(begins, self.times, self.angles)
         last = len(self.times) - 1
         first_after = np.searchsorted(self.times, begins, side="right")
@@ -160,7 +160,7 @@ KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0
 
 
 def describe_offset(late_s: float) -> str:
-    """Describes one of the delays `KNOWN_S` of stamps [s] in words."""
+    """Describes one of the delays of `KNOWN_S` [s] in words, such as `late by a day`."""
     return f"{'late' if late_s > 0.0 else 'early'} by {_TIMES_OFF[abs(late_s)]}"
 
 
@@ -229,7 +229,7 @@ class Georeference:
     pose: se2.Array
 
     def carry(self, frame: se2.Array) -> Georeference:
-        """Returns the georeference of the map in a new frame, in which the present frame has the pose `frame` (3,)."""
+        """Returns the georeference of the map in a new frame, where the old frame has the pose `frame` (3,) [m, m, rad]."""
         return Georeference(self.plane, se2.compose(self.pose, se2.inverse(frame)))
 
     def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -248,7 +248,7 @@ class Mount:
     Args:
         pose: (3,) x [m], y [m] and yaw [rad] of the radar in the vehicle's frame.
         source: the file, topic or publication that states the pose, for messages.
-        given: whether the user states the pose, not the recording.
+        given: True if the user states the pose, False if the recording or a publication states it.
     """
 
     pose: se2.Array

@@ -17,7 +17,7 @@ SIGMAS_PER_DEVIATION: Final = 1.4826
 
 
 def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]:
-    """Limits squares (N, K) to the median of their column multiplied by `times`.
+    """Returns squares (N, K), each limited to the median of its column multiplied by `times`.
 
     NaN stays NaN, and a column whose median is zero is not limited.
     """
@@ -34,7 +34,7 @@ _KEPT: Final = 0.998  # share of normal noise that a trimmed scale keeps: the va
 
 
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corrects p-values (N,) of places for their number (Bonferroni).
+    """Corrects p-values (N,) of single places for the number of places (Bonferroni), and returns them (N,).
 
     A corrected p-value is the probability that a good map shows a p-value as small as this one at any of the places.
 
@@ -45,10 +45,10 @@ def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_trimmed_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimates the factors of `find_usual_scale` by a mean that leaves out places with very large offsets.
+    """Estimates the factors (3,) of `find_usual_scale` by a mean that leaves out places with very large offsets.
 
-    With few places, this mean is less uncertain than the median. Places where the map is torn do not affect it as long as
-    they are fewer than half.
+    With few places, this mean is less uncertain than the median. Places where the map is torn do not affect the mean as
+    long as they are fewer than half of all places.
 
     Args:
         squares: (N, 3), as for `find_usual_scale`.
@@ -65,8 +65,9 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
     """Returns the p-value (N,) of each place: the probability that a good map shows an offset at least as large there.
 
     Args:
-        squares: (N,) squared Mahalanobis distances of the offsets, under covariances that were scaled to fit usual places.
-        freedom: degrees of freedom with which this scale was estimated.
+        squares: (N,) squared Mahalanobis distances of the offsets (x, y, yaw), under covariances that were multiplied by
+            factors such as those of `find_usual_scale`.
+        freedom: degrees of freedom with which these factors were estimated.
     """
     from scipy.stats import f as f_distribution
 
@@ -74,18 +75,18 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
 
 
 def find_smallest(p_values: Iterable[float]) -> float | None:
-    """Returns the smallest corrected p-value, which is the p-value of all places together; None if all are NaN."""
+    """Returns the smallest corrected p-value, which is the p-value of all places together; None if no p-value is finite."""
     return min((float(p) for p in p_values if np.isfinite(p)), default=None)
 
 
 def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the factors (3,), at least 1, by which variances must be multiplied to fit the median offset of all places.
 
-    The covariance from the curvature is too small by a factor that depends on the surroundings. The median of all places
-    shows this factor, and the few places where the map is torn do not affect it.
+    A covariance computed from the curvature of psi is too small by a factor that depends on the surroundings. The median
+    of all places shows this factor, and the few places where the map is torn do not affect the median.
 
     Args:
-        squares: (N, 3) squared offset of each place per axis, in units of its variance.
+        squares: (N, 3) squared offset of each place along x, y and yaw, each divided by its variance.
     """
     return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN_OF_CHI2, 1.0))
 
@@ -124,5 +125,8 @@ def _find_steps(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def pick_evenly(count: int, most: int) -> NDArray[np.int64]:
-    """Returns at most `most` evenly spread indices from 0 to count - 1, in increasing order, with both ends among them."""
+    """Returns at most `most` evenly spread indices from 0 to count - 1, in increasing order.
+
+    The first and the last index are among them, or only the first if `most` is 1.
+    """
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64) if count else np.arange(0)

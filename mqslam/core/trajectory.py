@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.wording import count_of
 
-# A trajectory covers a recording if it lacks at most this much time [us] at each end; there its first or last motion is
-# continued.
+# A trajectory covers a recording if it lacks at most this much time [us] at each end. There, the first or last motion of
+# the trajectory is continued.
 _TRACK_SLACK_US: Final = 500_000
 
 
@@ -54,7 +54,7 @@ class Trajectory:
         return se2.interpolate((self.stamps_us[near] - start) * 1e-6, self.poses[near], (stamps_us - start) * 1e-6)
 
     def _find_around(self, stamps_us: NDArray[np.int64]) -> slice:
-        """Returns the part of the trajectory that stamps (M,) are interpolated from: all of it if any stamp lies outside."""
+        """Returns which poses are needed to interpolate at stamps (M,) [us]: all of them if any stamp lies outside."""
         first, last = np.min(stamps_us, initial=self.stamps_us[-1]), np.max(stamps_us, initial=self.stamps_us[0])
         if first < self.stamps_us[0] or last > self.stamps_us[-1]:
             return slice(0, len(self))
@@ -62,7 +62,7 @@ class Trajectory:
         return slice(max(min(begin, len(self) - 1) - 1, 0), max(end, begin) + 1)
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
-        """Returns the mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later stamps (N,) [us]."""
+        """Returns the mean body twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later stamps (N,) [us]."""
         moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 

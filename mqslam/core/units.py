@@ -1,8 +1,8 @@
 """Units of length: converts tracks, measurements and settings between metres and another unit.
 
 The method's lengths (widths of the score, spacing of keyframes, reach of loops) are chosen for a radar in streets. To a
-robot with a lidar, rooms look like streets that are several times smaller. Its recording is therefore solved in a unit of
-length that is shorter than a metre.
+robot with a lidar, rooms look like streets that are several times smaller. A lidar's recording is therefore solved in a
+unit of length that is shorter than a metre.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _LENGTHS: Final = {
     *(("psi", key) for key in ("s", "beta_s", "tau")),
     ("tracker", "speed_max"),
 }
-_DIGITS: Final = 9  # ratios of lengths are rounded to so many digits after the point, since they differ by rounding errors
+_DIGITS: Final = 9  # digits after the point to which ratios of lengths are rounded, since they differ by rounding errors
 _NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # properties of the sensor
 
 
 def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
-    """Multiplies the lengths of poses (..., 3) by a factor."""
+    """Multiplies the lengths of poses (..., 3) x, y, yaw by a factor."""
     return np.asarray(pose * np.array([factor, factor, 1.0]))
 
 
@@ -48,13 +48,13 @@ def scale_track(track: Trajectory, factor: float) -> Trajectory:
 
 
 def scale_measurement(motion: Measurement, factor: float) -> Measurement:
-    """Multiplies the lengths of a measured motion by a factor."""
+    """Multiplies the lengths of a motion by a factor: in its pose, its covariance and its `apart`."""
     pose, apart = scale_pose(motion.pose, factor), scale_pose(motion.apart, factor)
     return replace(motion, pose=pose, covariance=scale_covariance(motion.covariance, factor), apart=apart)
 
 
 def scale_tie(tie: T, factor: float) -> T:
-    """Multiplies the lengths of a tie or loop by a factor."""
+    """Multiplies the lengths of a tie or a loop by a factor: in its pose and its covariance."""
     return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
 
 
@@ -65,7 +65,7 @@ def scale_refined(refined: Refined, factor: float) -> Refined:
 
 
 def scale_settings(config: Config, factor: float) -> Config:
-    """Multiplies by a factor all settings that are lengths or speeds, and that are set."""
+    """Multiplies by a factor all settings that are lengths or speeds; a setting that is None stays None."""
     changed = {}
     for name, section in config:
         values = {key: factor * value for key, value in _list_lengths(name, section).items()}
@@ -81,7 +81,7 @@ def find_unit(config: Config, usual: Config) -> float | None:
         usual: settings in metres.
 
     Returns:
-        The factor; None if no factor other than 1 is shared by most lengths.
+        The unit [m]; None if no factor other than 1 is shared by more than half of the lengths.
     """
     ratios = Counter[float]()
     for name, section in usual:
@@ -94,7 +94,7 @@ def find_unit(config: Config, usual: Config) -> float | None:
 
 
 def _list_lengths(name: str, section: BaseModel) -> dict[str, float]:
-    """Returns the settings of a section, by its name, that are lengths or speeds, and that are set."""
+    """Returns those settings of the section `name` that are lengths or speeds and are not None, by their names."""
     lengths = {key for key in type(section).model_fields if key.endswith("_m") or (name, key) in _LENGTHS} - _NOT_LENGTHS
     return {key: getattr(section, key) for key in lengths if getattr(section, key) is not None}
 
@@ -105,7 +105,8 @@ def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
     Args:
         config: settings as the user gave them.
         usual: settings that are usual for the sensor. Values that differ from the defaults are used as they are.
-        unit_m: unit of length of the recording [m]; all other lengths are their defaults multiplied by it.
+        unit_m: unit of length of the recording [m]. A length that is at its default both in `config` and in `usual`
+            is multiplied by this unit.
     """
     defaults, scaled, changed = Config(), scale_settings(Config(), unit_m), {}
     for name, section in config:

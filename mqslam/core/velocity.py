@@ -1,4 +1,4 @@
-"""Velocities of the sensor, each measured by one scan without a map, and the results of detection in polar scans."""
+"""Velocities of the sensor, each measured from one polar scan without a map, and the results of detection."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class Velocities:
 
     Args:
         times: (N,) midpoint in time of each scan [s] since the recording's start, for which its velocity holds.
-        velocities: (N, 2) forward and left [m/s]; NaN where the scan measured none.
-        covariances: (N, 2, 2) [m^2/s^2]; NaN where the scan measured none.
+        velocities: (N, 2) forward and left [m/s]; NaN where the scan measured no velocity.
+        covariances: (N, 2, 2) covariances of these velocities [m^2/s^2]; NaN where the scan measured no velocity.
         outcomes: (N,) int64, the `Outcome` of each scan.
         doppler_beta: range shift per closing speed [s] of the chirps that go up, with which the velocities were computed.
     """
@@ -81,7 +81,7 @@ class Velocities:
 
     @property
     def alternating(self) -> bool:
-        """Whether the chirps of any scan go up and down, so that its velocity could be measured."""
+        """Whether at least one scan has chirps that go up and chirps that go down, which a measured velocity needs."""
         return bool(np.any((self.outcomes != Outcome.UNREAD) & (self.outcomes != Outcome.ONE_DIRECTION)))
 
     @property
@@ -111,7 +111,7 @@ class Velocities:
 
     @classmethod
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
-        """Joins the velocities of successive stretches of scans, which must have the same Doppler shift."""
+        """Joins the velocities of successive stretches of scans, which must all have the same `doppler_beta`."""
         return cls(
             np.concatenate([part.times for part in parts]),
             np.concatenate([part.velocities for part in parts]),
@@ -126,8 +126,7 @@ def make_twists(
 ) -> tuple[se2.Array, NDArray[np.float64]]:
     """Makes the sensor's mean twist over time spans, such as those of scans, from its velocities and yaw rates.
 
-    The velocity at the midpoint of a span is used as the span's mean; only changes of acceleration within the span are
-    ignored.
+    The velocity at the midpoint of a span is used as the span's mean, which is exact under constant acceleration.
 
     Args:
         velocities: velocities of the sensor.
@@ -153,10 +152,10 @@ class Detected:
     Args:
         returns: returns of each polar scan, empty for a scan that could not be read; an empty list if the returns are kept
             in a `Scans` object instead.
-        unread: why a polar scan could not be read, by its number in the recording.
+        unread: the error for each polar scan that could not be read, by the number of the scan in the recording.
         read_s, detect_s: seconds spent on reading and on detection.
         counts: numbers of azimuths and peaks that the detector kept and dropped.
-        velocities: velocities of the sensor, one per polar scan; None if not asked for or if chirps do not alternate.
+        velocities: velocities of the sensor, one per polar scan; None if not asked for, or if chirps do not alternate.
     """
 
     returns: list[Returns]
