@@ -47,12 +47,12 @@ class Keyframes:
     Args:
         recordings: the recordings that the keyframes come from.
         origins: (K,) number of each keyframe's recording in `recordings`.
-        scans: (K,) number of each keyframe among the scans of its recording; in a merged map, among the scans of all
-            recordings, as the graph numbers them.
+        scans: (K,) number of each keyframe's scan among the scans of its recording. In a merged map, it is the number
+            among the scans of all recordings, as in the graph.
         stamps_us: (K,) start of each keyframe's scan [us], in the clock of its recording.
         poses: (K, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
         covariances: (K, 3, 3) covariances of these poses relative to the map's first pose, each in the frame of its
-            keyframe; NaN where unknown.
+            keyframe [m, m, rad]; NaN where unknown.
         travelled: (K,) length of the path from the start of the recording to each keyframe [m].
         rows: (K, 2) row of each keyframe's first point in `points`, and the row after its last point.
         points: (M,) points of all keyframes, with the fields of `KEYFRAME_POINT`; the array may lie in a memory-mapped file.
@@ -75,11 +75,11 @@ class Keyframes:
 
     @property
     def unit_m(self) -> float | None:
-        """The unit in which a lidar's map is made and used [m]; None for a radar's map. All lengths here are in metres."""
+        """The unit of length [m] in which a lidar's map is made and used; None for a radar's map."""
         return self.recordings[0].unit_m
 
     def scale(self, factor: float) -> Keyframes:
-        """Returns the keyframes with all lengths multiplied by a factor, without their georeference."""
+        """Returns the keyframes with all lengths multiplied by a factor, and without a georeference."""
         points = make_stored((len(self.points),), KEYFRAME_POINT)
         points[:] = self.points
         for name in ("x", "y", "range"):
@@ -96,11 +96,12 @@ class Keyframes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceTable:
-    """Descriptors of the appearance of places in a map, by which the places can be recognised.
+    """Descriptors of places in a map, by which the places can be recognised.
 
     Args:
         keyframes: (P,) number of the keyframe at each place.
-        descriptors: (P, R, S) descriptors of the places, by rings and sectors; the array may lie in a memory-mapped file.
+        descriptors: (P, R, S) descriptors of the places, by R rings of range and S sectors of direction; the array may lie
+            in a memory-mapped file.
         made_with: settings with which the descriptors were made, as JSON values.
     """
 
@@ -122,7 +123,11 @@ class KeyframeMap:
     places: PlaceTable
 
     def carry(self, frame: se2.Array) -> KeyframeMap:
-        """Returns the map in a new frame, in which the present frame has the pose `frame` (3,), without its georeference."""
+        """Returns the map in a new frame, without its georeference.
+
+        Args:
+            frame: (3,) pose of the present frame in the new frame [m, m, rad].
+        """
         keyframes = replace(self.keyframes, poses=se2.compose(frame, self.keyframes.poses), georeference=None)
         return replace(self, keyframes=keyframes)
 
@@ -131,5 +136,5 @@ class KeyframeMap:
         return self if factor == 1.0 else replace(self, keyframes=self.keyframes.scale(factor))
 
     def place_on_earth(self, georeference: Georeference | None) -> KeyframeMap:
-        """Returns the map with this georeference; None removes the georeference."""
+        """Returns the map with this georeference, or without any if None is given."""
         return replace(self, keyframes=replace(self.keyframes, georeference=georeference))

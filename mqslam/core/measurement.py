@@ -29,7 +29,7 @@ class Measurement:
         t0: start of the motion [s] since the recording's start.
         t1: end of the motion [s] since the recording's start.
         pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
-        covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
+        covariance: (3, 3) covariance of `pose` in x, y, yaw [m, m, rad], in the frame of the pose at t0.
         status: how far the motion can be trusted.
         psi: the scan's score at its minimum; NaN where the front end has none.
         psi_odometry: the scan's score under the odometry's motion; NaN without odometry.
@@ -57,12 +57,12 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Tie:
-    """A measured pose of one scan or submap in the frame of an earlier one.
+    """A measured pose of a scan or submap (a few scans rendered together) in the frame of an earlier scan or submap.
 
     Args:
         earlier, later: numbers of the two scans or submaps.
-        pose: (3,) pose of the later one in the frame of the earlier one [m, m, rad].
-        covariance: (3, 3) covariance of the pose, in the frame of the earlier one [m, m, rad].
+        pose: (3,) pose of the later scan or submap in the frame of the earlier [m, m, rad].
+        covariance: (3, 3) covariance of `pose` in x, y, yaw [m, m, rad], in the frame of the earlier scan or submap.
     """
 
     earlier: int
@@ -104,7 +104,7 @@ class LoopSearch:
     """The result of a search for loop closures.
 
     Args:
-        loops: the loop closures that are in the graph.
+        loops: the loop closures that were found, which enter the graph.
         tried: number of pairs of scans that were compared.
         ambiguous: number of compared pairs that match at several places that the trajectory allows.
         implausible: number of compared pairs that match only at a place that the trajectory rules out.
@@ -136,12 +136,13 @@ class Refined:
     """The result of the refinement of a trajectory.
 
     Args:
-        loops: the loops that stay in the graph, because no tie measures their passes.
-        ties: registrations of single scans on earlier passes, whose factors replace the other loops.
-        psi_before: psi per point across passes before optimisation; None where no place is passed twice.
+        loops: the loops that stay in the graph, because no tie measures the same passes.
+        ties: registrations of single scans on earlier passes, whose factors replace all other loops.
+        psi_before: psi per point of later passes' returns among earlier passes' returns, before optimisation; None where no
+            place is passed twice.
         psi_loops: the same psi with the loops, before the refinement.
         psi_across: the same psi under the final trajectory.
-        refused: whether the refinement made psi across passes larger and was therefore dropped.
+        refused: whether the first round made this psi larger (worse), so that the refinement was dropped.
     """
 
     loops: list[Loop]

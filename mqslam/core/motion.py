@@ -1,11 +1,11 @@
 """Motion models: the sensor's pose within a window as a function of a few parameters.
 
-Every model states the body twist as a polynomial in time, linear in its parameters; the pose follows by integrating
+Every model states the body twist as a polynomial in time, linear in the parameters. The pose follows by integrating
 
     yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
 
-by Gauss-Legendre quadrature from one time to the next, which is exact to rounding: with six nodes for rotations below a
-radian, with two for the small rotations between azimuths.
+by Gauss-Legendre quadrature from one time to the next. Six nodes are exact to rounding for rotations below a radian, and
+two nodes are for the small rotations between azimuths.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ VX, VY, OMEGA = 0, 1, 2
 
 
 def _spread_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns `count` Gauss-Legendre nodes between 0 and 1, and their weights."""
+    """Returns `count` Gauss-Legendre nodes (count,) between 0 and 1, and their weights (count,)."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
@@ -66,7 +66,7 @@ class MotionModel:
         return np.array(self.components, dtype=np.int64), np.array(self.powers, dtype=np.int64)
 
     def from_twist(self, twist: se2.Array) -> se2.Array:
-        """Returns the parameters (P,) of a constant twist (vx, vy, omega); components that the model lacks are dropped."""
+        """Returns the parameters (P,) of a constant twist (vx, vy, omega); a component that the model lacks is ignored."""
         theta = np.zeros(self.size)
         for p, (component, power) in enumerate(zip(self.components, self.powers, strict=True)):
             if power == 0:
@@ -103,10 +103,11 @@ def integrate(
         theta: (P,) parameters of a motion model.
         components: (P,) twist component of each parameter.
         powers: (P,) power of time of each parameter.
-        times: (N,) [s] since the window's start.
+        times: (N,) [s] since the window's start, not decreasing.
 
     Returns:
-        poses (N, 3), their Jacobians (N, 3, P) by the parameters, and twists (N, 3) at the times.
+        Poses (N, 3) in the frame at the window's start [m, m, rad], their Jacobians (N, 3, P) by the parameters, and body
+        twists (N, 3) [m/s, m/s, rad/s], all at the times.
     """
     n, size = len(times), len(theta)
     poses = np.zeros((n, 3))

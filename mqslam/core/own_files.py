@@ -19,7 +19,7 @@ STOPPED: Final = "stopped with {}"
 
 
 def import_file(path: Path, what: str) -> ModuleType:
-    """Imports a Python file that is in no package, and returns its module.
+    """Imports a Python file that belongs to no package, and returns its module.
 
     Args:
         path: the file.
@@ -34,9 +34,9 @@ def import_file(path: Path, what: str) -> ModuleType:
 
 @contextmanager
 def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") -> Iterator[None]:
-    """Turns an unexpected error of the block, which runs anyone's code, into an error that names this code.
+    """Turns an unexpected error of the block, which runs code from outside of mqslam, into an error that names this code.
 
-    A MemoryError is passed on unchanged, since it is seldom the fault of the code that it stops.
+    A MemoryError is passed on unchanged, since the code that it stops is seldom at fault.
 
     Args:
         owner: what the code is, such as "front end mine.py".
@@ -45,7 +45,7 @@ def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") 
         remedy: what the user can do about it, unless the error says so already.
 
     Raises:
-        MqslamError: the block raised an unexpected error.
+        MqslamError: the block raised an unexpected error; this error is of the class `kind`.
     """
     try:
         yield

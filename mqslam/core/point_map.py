@@ -1,4 +1,4 @@
-"""Maps: returns placed in the world by a trajectory, occupancy grids, and timed point clouds of any origin."""
+"""Maps: returns placed in the world frame by a trajectory, occupancy grids, and point clouds with stamps of any origin."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from mqslam.core.stored import make_stored, release
 
 _BLOCK: Final = 200_000  # points of a map that are in memory at a time; no result depends on this number
 _LOOKED_AT: Final = 1_000_000  # thinning considers at most this many points, evenly spread over the map's time
-# numerical limits of the search for the raster by which a map is thinned for display
+# smallest cell [m], and ratio of largest to smallest possible cell at which `_pick_one_per_cell` ends its search
 _SMALLEST_CELL_M: Final = 1e-3
 _CELL_RATIO: Final = 1.05
 
 
 @dataclass(frozen=True, slots=True)
 class PointMap:
-    """A map of returns in the world frame, each with its share of the score; large arrays may lie in memory-mapped files.
+    """A map: returns as points in the world frame, each with its share of the score.
+
+    Large arrays may lie in memory-mapped files.
 
     Args:
         points: (N, 2) [m], world frame.
@@ -45,12 +47,12 @@ class PointMap:
 
     @property
     def psi_per_point(self) -> float | None:
-        """Score per point, including the charges for unmatched points; None without points."""
+        """Score per point, which includes the cost of points without a neighbour; None without points."""
         return self.psi_total / len(self) if len(self) else None
 
     @property
     def psi_total(self) -> float:
-        """Score of the map."""
+        """Score of the map: the sum over all points."""
         return sum((float(block.psi.sum()) for block in self.blocks()), 0.0)
 
     @property
@@ -79,7 +81,7 @@ class PointMap:
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
 
     def take(self, chosen: NDArray[np.int64] | slice) -> PointMap:
-        """Returns the map of the points with these indices (M,), or of a slice of the points."""
+        """Returns a map of only the points with these indices (M,), or of only a slice of the points."""
         return PointMap(
             self.points[chosen], self.times[chosen], self.intensities[chosen], self.psi[chosen], self.matched[chosen]
         )
@@ -103,7 +105,7 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
 
 
 def _pick_one_per_cell(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Returns the index of one point per cell of the finest raster with at most `most` occupied cells."""
+    """Returns the index of one of the points (N, 2) per cell of the finest raster with at most `most` occupied cells."""
     order = np.random.default_rng(0).permutation(len(points))  # to keep a random point of each cell, not the earliest one
     shuffled = (points - points.min(axis=0))[order]
     low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M
@@ -120,7 +122,7 @@ def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> 
     Args:
         points: (N, 2) [m], not negative.
         cell: side of a cell [m].
-        most: largest number of occupied cells of interest; one more ends the search.
+        most: the search ends once more cells than this are found to be occupied.
     """
     room = 4
     while room < 4 * most:
@@ -162,14 +164,14 @@ class OccupancyGrid:
 
 @dataclass(frozen=True, slots=True)
 class TimedCloud:
-    """A planar point cloud with a stamp per point, ordered by time.
+    """A planar point cloud with one stamp per point, ordered by time.
 
     Args:
-        path: the file it was read from.
+        path: the file that the cloud was read from.
         points: (N, 2) [m], world frame.
         stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
         notes: what a user should know about how the file was understood.
-        scan_us: usual duration of a scan [us], where the file states it, as the maps of our own runs do.
+        scan_us: usual duration of a scan [us], which only maps written by mqslam state; None for other files.
     """
 
     path: Path
@@ -180,7 +182,7 @@ class TimedCloud:
 
     @property
     def is_of_radar(self) -> bool:
-        """Whether the points are known to be a radar's: only our own runs state `scan_us`, and they process radar only."""
+        """Whether the points are taken for a radar's: true for maps that mqslam has written, which state `scan_us`."""
         return self.scan_us is not None
 
     def __len__(self) -> int:

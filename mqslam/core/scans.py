@@ -26,7 +26,7 @@ class Returns:
         intensities: (N,) received power, 0..255.
 
     Raises:
-        ValueError: these are not four arrays (N,) of one length.
+        ValueError: the four arguments are not arrays (N,) of one length.
     """
 
     ranges: NDArray[np.float64]
@@ -52,7 +52,7 @@ class Returns:
         return f"<Returns, {count_of(len(self), 'return')}>"
 
     def take(self, chosen: NDArray[np.bool_]) -> Returns:
-        """Returns the returns that a mask (N,) chooses."""
+        """Returns only those returns for which a mask (N,) is True."""
         return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])
 
     @classmethod
@@ -76,7 +76,7 @@ class Scan:
     """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start].
 
     Raises:
-        ValueError: t0 and t1 are no numbers in this order, or `returns` are no `Returns`.
+        ValueError: t0 or t1 is not a number, t1 is before t0, or `returns` are not of class `Returns`.
     """
 
     t0: float
@@ -100,7 +100,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredScans(Sequence[Scan]):
-    """Scans whose returns lie in one table, usually in a memory-mapped file; indexing copies the returns of one scan.
+    """Scans whose returns lie in one table, usually in a memory-mapped file; `self[k]` copies the returns of scan k.
 
     Args:
         spans: (N, 2) t0 and t1 of each scan [s since the recording's start].
@@ -143,14 +143,14 @@ class ScanStore:
         """Appends the returns of the next scan.
 
         Raises:
-            OutputError: the disk has no room for them.
+            OutputError: the disk is full.
         """
         rows = np.column_stack([returns.ranges, returns.azimuths, returns.times, returns.intensities])
         self._table.append(rows)
         self._ends.append(len(self._table))
 
     def close(self, spans: NDArray[np.float64]) -> StoredScans:
-        """Returns the scans, given their starts and ends (N, 2) [s]; no scan can be appended after this."""
+        """Returns the scans, given their starts and ends (N, 2) [s]; after this, no scan can be appended."""
         return StoredScans(spans, np.column_stack([self._ends[:-1], self._ends[1:]]), self._table.close())
 
 
@@ -208,7 +208,7 @@ class Scans(Sequence[Scan]):
         return replace(self, scans=store.close(self.spans), unit_m=unit_m)
 
     def count_from_first(self) -> Scans:
-        """Returns the scans with times that count from the start of the first of them."""
+        """Returns the scans with times [s] that count from the start of the first scan, whose stamp becomes `start_us`."""
         begin = self.scans[0].t0
 
         def shift(scan: Scan) -> Scan:
@@ -250,7 +250,8 @@ class PeakCounts:
         unused_azimuths: azimuths that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
         ring_peaks: peaks that were dropped as parts of a ring.
-        peaks_out_of_range: peaks nearer or farther than the settings allow; counted only if `peaks` is below `azimuths`.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; they are counted only in polar scans with
+            fewer peaks than azimuths.
     """
 
     azimuths: int = 0

@@ -1,4 +1,7 @@
-"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad], REP 103; the yaw is only wrapped where stated."""
+"""Planar rigid motions and poses as arrays (..., 3): x [m], y [m], yaw [rad], REP 103 (x forward, y left).
+
+Functions wrap the yaw only where their docstrings say so.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_CLOSE = 0.1  # poses closer in time than this share of the usual step are duplicates: they show noise, not a velocity
+_CLOSE = 0.1  # share of the usual time step; poses that are closer in time show noise, not a velocity
 
 
 def wrap(angle: ArrayLike) -> Array:
@@ -52,7 +55,7 @@ def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def subtract(a: Array, b: Array) -> Array:
-    """Returns a - b (3,) component by component, in the common frame of both poses, with the yaw wrapped."""
+    """Returns the difference a - b (3,) of two poses, component by component, with its yaw wrapped to [-pi, pi)."""
     off = a - b
     off[2] = wrap(off[2])
     return off
@@ -74,8 +77,8 @@ def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
 def integrate_steps(steps: Array) -> Array:
     """Composes steps (N, 3) to poses (N + 1, 3) that start at the origin: a faster `chain` without a loop.
 
-    It is meant for odometry, which has many more steps than a radar has scans. It sums in another order than `chain`, so
-    the last digits of the result may differ.
+    This function is meant for odometry, which has many more steps than a radar has scans. The sums are formed in another
+    order than by `chain`, so the last digits of the result may differ.
     """
     yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
@@ -90,7 +93,7 @@ def step_lengths(poses: Array) -> Array:
 
 
 def path_lengths(poses: Array) -> Array:
-    """Returns the length (N,) [m] of the path through poses (N, 3) up to each of them."""
+    """Returns the length (N,) [m] of the path through poses (N, 3) up to each pose."""
     return np.concatenate([[0.0], np.cumsum(step_lengths(poses))])
 
 
@@ -102,14 +105,14 @@ def transform(pose: ArrayLike, points: ArrayLike) -> Array:
 
 
 def exp(twist: ArrayLike, duration: ArrayLike = 1.0) -> Array:
-    """Returns the motion that a constant body twist (vx [m/s], vy [m/s], omega [rad/s]) makes in a duration [s]."""
+    """Returns the motion that a constant body twist (..., 3) vx, vy [m/s], omega [rad/s] makes in a duration (...) [s]."""
     d = np.asarray(twist, dtype=np.float64) * np.asarray(duration, dtype=np.float64)[..., None]
     a, b = _arc(d[..., 2])
     return np.stack([a * d[..., 0] - b * d[..., 1], b * d[..., 0] + a * d[..., 1], d[..., 2]], axis=-1)
 
 
 def log(pose: ArrayLike) -> Array:
-    """Returns the constant body twist that makes a motion in unit time; the inverse of `exp` for |yaw| < 2 pi."""
+    """Returns the constant body twist (..., 3) that makes a motion in one second: the inverse of `exp` for |yaw| < 2 pi."""
     p = np.asarray(pose, dtype=np.float64)
     a, b = _arc(p[..., 2])
     n = a * a + b * b
@@ -117,14 +120,14 @@ def log(pose: ArrayLike) -> Array:
 
 
 def _arc(w: Array) -> tuple[Array, Array]:
-    """Returns sin(w)/w and (1 - cos(w))/w, continued through w = 0."""
+    """Returns sin(w)/w and (1 - cos(w))/w for angles w (...) [rad], with their limits 1 and 0 at w = 0."""
     a = np.sinc(w / np.pi)
     half = np.sinc(w / (2.0 * np.pi))
     return np.asarray(a), np.asarray(0.5 * w * half * half)
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """Returns the adjoint (3, 3) of a pose, which converts a perturbation from the pose's frame to the reference frame."""
+    """Returns the adjoint (3, 3) of a pose, which converts small motions from the pose's frame to its reference frame."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
@@ -138,7 +141,7 @@ def rotate_covariance(covariance: Array, yaw: float) -> Array:
 
 
 def normalise(errors: Array, covariances: Array) -> Array:
-    """Returns the squared Mahalanobis distances (N,) of errors (N, 3) under their covariances (N, 3, 3).
+    """Returns the squared Mahalanobis distances (N,) of errors (N, 3) in x, y, yaw under their covariances (N, 3, 3).
 
     If the covariances are right, the distances follow a chi-square distribution with three degrees of freedom.
     """
@@ -146,13 +149,16 @@ def normalise(errors: Array, covariances: Array) -> Array:
 
 
 def scale_covariance(covariance: Array, factors: Array) -> Array:
-    """Returns covariances (..., 3, 3) whose variances of x, y and yaw are multiplied by factors (3,); correlations stay."""
+    """Multiplies the variances of x, y and yaw in covariances (..., 3, 3) by factors (3,); correlations stay the same."""
     sigmas = np.sqrt(factors)
     return np.asarray(covariance * np.outer(sigmas, sigmas))
 
 
 def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
-    """Converts the covariance (3, 3) of a pose to the covariance of the inverse pose, each in the frame of its pose."""
+    """Converts the covariance (3, 3) of a pose (3,) to the covariance of the inverse pose.
+
+    Each covariance is of x, y, yaw [m, m, rad] in the frame in which its pose is given.
+    """
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     lever = adjoint([x, y, 0.0])
     return rotate_covariance(lever @ covariance @ lever.T, -yaw)
@@ -161,7 +167,8 @@ def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Before the first and after the last time, the nearest arc between two poses that `select_apart` keeps is continued.
+    Before the first and after the last time, the nearest arc is continued; only there, poses that `select_apart` drops are
+    left out.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
@@ -186,9 +193,9 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
 
     Between poses the curve is cubic, with velocities from the neighbouring poses, so that the vehicle can begin
-    and end a rotation between two poses, as on the road. Before the first and after the last time, the nearest arc is
-    continued. Only poses that `select_apart` keeps are used, because two poses that are very close in time would give a
-    velocity that is mostly noise.
+    and end a rotation between two poses, as on the road. Before the first and after the last time, the arc of constant
+    twist between the nearest two poses is continued. Only poses that `select_apart` keeps are used, because two poses that
+    are very close in time would give a velocity that is mostly noise.
     """
     from scipy.interpolate import CubicHermiteSpline  # here: it loads half of SciPy, and every command imports this module
 
@@ -222,7 +229,7 @@ def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> 
 def select_apart(times: Array) -> NDArray[np.int64]:
     """Returns the indices of the increasing times (N,) that are not duplicates.
 
-    A time is a duplicate if it follows an earlier time within a small part of the usual step.
+    A time is a duplicate if it follows the last kept time by less than a tenth of the usual step.
     """
     steps = np.diff(times)
     least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0

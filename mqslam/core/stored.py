@@ -1,6 +1,6 @@
-"""Arrays as long as a recording: they lie in temporary files, and only the parts in use take up memory.
+"""Arrays as long as a recording, which lie in temporary files: only the parts in use take up memory.
 
-The files have no names and vanish with their arrays, even if the process is killed.
+The files have no names and vanish with the arrays, even if the process is killed.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from mqslam.errors import OutputError
 
-_SMALL = 4_000_000  # bytes; a smaller array stays in memory, which is faster
+_SMALL = 4_000_000  # bytes; a smaller array is kept in memory, which is faster
 
 
 def make_stored(shape: tuple[int, ...], kind: type[np.generic] | np.dtype[Any] = np.float64) -> NDArray[Any]:
     """Returns an array of zeros of a shape and type; a large array lies in a temporary file.
 
     Raises:
-        OutputError: there is no room for the file.
+        OutputError: the temporary file cannot be made, for example because the disk is full.
     """
     size = math.prod(shape) * np.dtype(kind).itemsize
     if size < _SMALL:
@@ -46,7 +46,7 @@ class StoredRows:
         width: number of values in a row.
 
     Raises:
-        OutputError: there is no room for the file.
+        OutputError: the temporary file cannot be made.
     """
 
     def __init__(self, width: int) -> None:
@@ -60,7 +60,7 @@ class StoredRows:
         return self._count
 
     def append(self, rows: NDArray[np.float64]) -> None:
-        """Appends rows (N, width)."""
+        """Appends rows (N, width); raises OutputError if the disk is full."""
         try:
             self._file.write(np.ascontiguousarray(rows, dtype=np.float64).data if len(rows) else b"")
         except OSError as error:
@@ -68,7 +68,7 @@ class StoredRows:
         self._count += len(rows)
 
     def close(self) -> NDArray[np.float64]:
-        """Returns all rows (M, width) as an array that lies in the file; no row can be appended after this."""
+        """Returns all rows (M, width) as an array that lies in the file; after this, no row can be appended."""
         try:
             with self._file as file:
                 file.flush()
@@ -80,7 +80,7 @@ class StoredRows:
 
 
 def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
-    """Releases mapped files, or the mapped files that arrays lie in, from this process's memory until they are read again.
+    """Frees the memory that mapped files, or arrays in mapped files, take up until they are read again.
 
     Arrays that lie in no mapped file stay as they are.
     """
@@ -93,11 +93,11 @@ def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
 
 
 def _map(file: IO[bytes], size: int, kind: type[np.generic] | np.dtype[Any]) -> NDArray[Any]:
-    """Maps the first `size` bytes of a file into memory as an array of numbers of a type."""
+    """Maps the first `size` bytes of a file into memory as an array (N,) of numbers of the type `kind`."""
     return np.frombuffer(mmap.mmap(file.fileno(), size), kind)
 
 
 def _report(error: OSError) -> OutputError:
-    """Returns the error for the user that temporary files cannot be written."""
+    """Returns the error that tells the user that temporary files cannot be written, and why."""
     folder = tempfile.gettempdir()
     return OutputError(f"{folder}: temporary files cannot be written ({error.strerror})", f"free space in {folder}")

@@ -1,4 +1,4 @@
-"""Wording of messages: what a sensor is called, singular and plural, left and right, the uncertainty of a pose, notes."""
+"""Words and sentences for messages, such as names of sensors, plurals, directions and the uncertainty of a pose."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def name_sensor(*, is_lidar: bool) -> str:
-    """Returns what messages call the sensor that took a recording: `lidar` or `radar`."""
+    """Returns the name of the sensor that took a recording, for messages: `lidar` or `radar`."""
     return "lidar" if is_lidar else "radar"
 
 
@@ -34,7 +34,7 @@ def describe_times(begin_s: float, end_s: float) -> str:
 
 
 def left_or_right(value: float) -> str:
-    """Returns `left` for a value of zero or more, else `right`."""
+    """Returns `left` for a coordinate y or a yaw of zero or more, else `right`."""
     return "left" if value >= 0.0 else "right"
 
 
@@ -67,7 +67,7 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
 
 
 def describe_delay(delay_s: float) -> str:
-    """Describes in words how late or early a clock is."""
+    """Describes a delay of a clock [s] in words, such as `0.50 s late`; a negative delay is early."""
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
@@ -76,7 +76,7 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on the sensors in use, the radar's mount and its ranges, and a warning if sensors may bend the map.
+    """Returns the notes on sensors in use and on the radar's mount and ranges, and a warning if sensors may bend the map.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 
@@ -92,7 +92,12 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
-    """Returns a note if the map does not pass the audit and psi was lower (crisper) before the sensors were added."""
+    """Returns a warning if the audit does not pass and psi was lower (crisper) before the sensors were added, else [].
+
+    Args:
+        summary: content of summary.json.
+        used: names of the sensors in use, for the warning.
+    """
     psi = summary.get("psi") or {}
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
     passed = (summary.get("verdict") or {}).get("status") == "pass"
