@@ -1,8 +1,8 @@
 """The checkpoint of a run: the results so far are kept on disk, so that a run that dies can be resumed.
 
-A checkpoint keeps the returns of every stretch of polar scans, the measurements once all of them are made, the loops and
-the refinement. A stage that was cut short is done again from its start; everything is deterministic, so the result is the
-same to the byte.
+A checkpoint keeps the returns of every finished stretch of polar scans, and the measurements, the ties along the path, the
+loops and the refinement once each of these is complete. All else is computed again. Since all stages are deterministic, a
+resumed run has the same result to the byte.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FOLDER = CHECKPOINT
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
 ) -> str:
-    """Returns a hash of everything that a run's result depends on; a run only resumes a checkpoint with the same hash."""
+    """Returns a hash of everything that a run's result depends on; only a run of the same hash resumes a checkpoint."""
     digest = hashlib.sha256()
     path, ranges = str(recording.path.resolve()), f"{recording.range_resolution} {recording.range_offset}"
     for text in (__version__, dump_yaml(config), frontend, path, ranges):
@@ -63,13 +63,13 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
 
     After a full disk, a lost cluster or worker, a failed front end, lack of memory or an interrupt, the checkpoint
     stays, and the error says how to resume. After any other error of mqslam a resumed run would fail in the same way, so
-    the checkpoint is removed, unless the run was itself resumed. After an unforeseen error the checkpoint stays, since a
-    later version may be able to resume. This version would fail again, so the error does not mention the checkpoint.
+    the checkpoint is removed, unless the run was itself resumed. After an unforeseen error the checkpoint stays, but the
+    error does not mention it, since a resumed run would most likely fail in the same way.
 
     Args:
         out: the run's result folder.
         key: hash of what the run's result depends on.
-        resume: whether to use the checkpoint that an earlier run has left there.
+        resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
         how: how to resume, for the error's message.
     """
     checkpoint = Checkpoint(out, key, resume=resume)
@@ -98,7 +98,7 @@ class Checkpoint:
     Args:
         out: the run's result folder; the checkpoint lies in it while the run goes on.
         key: hash of what the run's result depends on.
-        resume: whether to use the checkpoint that an earlier run has left there.
+        resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
 
     Raises:
         OutputError: `resume` is set, but the checkpoint belongs to a run of other data or settings.
@@ -131,7 +131,7 @@ class Checkpoint:
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the kept result of a kind; None if the checkpoint does not hold it, or if its file is damaged."""
+        """Returns the kept result of a kind; None if there is none, or if the file of the result is damaged."""
         try:
             with (
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,

@@ -31,10 +31,10 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-_ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
+_ANSWER_S = 10.0  # longest time that a scheduler and its first worker may take to answer
 _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row is lost
 _LOSSES = 3  # how many times in a row the shared data is sent again after all of its copies are lost
-_TASKS = 8  # number of tasks per worker into which many items are grouped
+_TASKS = 8  # number of tasks per worker, if there are enough items
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
 _LOGGERS = ("distributed", "distributed.client", "tornado")  # names of Dask's own loggers
 
@@ -44,7 +44,7 @@ def connect(address: str) -> Iterator[Engine]:
     """Connects to a cluster and yields its workers as an engine.
 
     Workers on this machine are processes without a network port, not workers of Dask. Whoever can reach a scheduler of
-    Dask can run programs as the scheduler's owner, and all users of this machine could reach a scheduler on it.
+    Dask can run programs as the scheduler's owner, and all users of this machine could reach a scheduler that runs here.
 
     Args:
         address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
@@ -103,7 +103,7 @@ class DaskEngine:
 
     Args:
         client: a connection to the cluster's scheduler.
-        address: the cluster's name in errors.
+        address: address of the scheduler, for errors.
     """
 
     def __init__(self, client: Client, address: str) -> None:
@@ -139,7 +139,7 @@ class DaskEngine:
 
     @contextmanager
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R]]:
-        """Starts a call as `Engine.start` does."""
+        """Starts a call on a worker, as `Engine.start` does."""
         (future,) = self._send(function, shared, [item])
 
         def wait() -> R:
@@ -174,7 +174,7 @@ class DaskEngine:
         *,
         may_die: bool,
     ) -> list[Any]:
-        """Calls the function for each item and returns the results; tasks are sent again if the workers with `shared` die.
+        """Calls the function for each item and returns the results; tasks are sent again if all workers with `shared` die.
 
         The result of a task that has killed its workers is None if `may_die` is set.
 
@@ -207,7 +207,7 @@ class DaskEngine:
         return results
 
     def _send(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """Sends one task per item; a large shared argument is sent to every worker beforehand."""
+        """Sends one task per item and returns their futures; a large shared argument is sent to every worker beforehand."""
         if len(pickle.dumps(shared)) < _SMALL:
             alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
             return alone
@@ -260,7 +260,7 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Returns the error for a lost cluster; an `error` of None or a timeout means that no workers are left."""
+        """Returns the error for a lost cluster; None or a timeout as `error` means that no workers are left."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
@@ -269,13 +269,13 @@ class DaskEngine:
 def choose_group_size(items: int, workers: int) -> int:
     """Returns the number of items per task.
 
-    Every task costs milliseconds, but with large tasks workers would wait for each other at the end.
+    Every task takes milliseconds of overhead, but with few large tasks some workers would be idle at the end.
     """
     return max(1, items // (_TASKS * max(workers, 1)))
 
 
 def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
-    """Returns function(shared, item) for the items before the first that fails, and the error of that item, if one fails."""
+    """Returns function(shared, item) for the items before the first that fails, and the error; None if no item fails."""
     results: list[R] = []
     for item in items:
         result, error = _attempt(function, shared, item)
@@ -286,7 +286,7 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """Returns (result, None) or (None, error) of the call, so that every error that a future raises is the cluster's own."""
+    """Returns (result, None) or (None, error) of a call, so that a future raises no errors but those of the cluster."""
     try:
         return function(shared, item), None
     except Exception as error:

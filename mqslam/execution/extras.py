@@ -1,4 +1,4 @@
-"""The installed libraries: their versions, and the commands that install libraries which only some commands need."""
+"""The versions of installed libraries, and the commands that install libraries which mqslam needs only sometimes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _LIBRARIES: Final = {  # names of libraries for messages, by the names that `des
 _EXTRAS: Final = {"small_gicp": "small-gicp", "pcd": "clouds", "las": "clouds"}
 
 
-# Results depend on these libraries.
+# names of the packages that results depend on
 _DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "small_gicp", "matplotlib")
 
 
 def list_versions() -> list[str]:
-    """Returns the versions of Python and of the installed libraries that results depend on."""
+    """Returns the versions of Python and of the installed libraries that results depend on, such as `numpy 2.3.1`."""
     versions = [f"Python {platform.python_version()}"]
     for package in _DECIDING:
         try:
@@ -48,10 +48,10 @@ def describe_missing(library: str) -> tuple[str, str]:
 
 
 def _name_command(extra: str) -> str:
-    """Returns a command that adds an extra to this installation, whether it came from a clone, a wheel or a repository.
+    """Returns a command that installs an extra of mqslam, from the clone, wheel or repository that mqslam came from.
 
-    The installer writes the source of mqslam to `direct_url.json` (PEP 610). Without that file mqslam came from an
-    index. This machine's index may not have mqslam, so the command then names a clone.
+    The installer writes this source to `direct_url.json` (PEP 610). Without this file, mqslam came from a package index.
+    The index of this machine may not have mqslam, so the command then asks for a clone.
     """
     pip = f"{shlex.quote(sys.executable)} -m pip install"
     source = _read_source()

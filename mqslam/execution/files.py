@@ -19,7 +19,7 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an OSError of the block into an error that says that the output cannot be `done`, such as "made" or "written".
+    """Turns an OSError of the block into an error that says that `path` cannot be `done`, such as "made" or "written".
 
     Raises:
         OutputError: the block raised an OSError.
@@ -55,7 +55,7 @@ def write_aside(path: Path) -> Iterator[Path]:
 
 
 def flush(path: Path) -> None:
-    """Flushes a file, or the names in a folder, to the disk."""
+    """Makes the system write a file, or the names of the files in a folder, to the disk now."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -67,7 +67,7 @@ def flush(path: Path) -> None:
 
 
 def _read_umask() -> int:
-    """Returns the user's umask, which can be read only by setting another one; the first one is set again at once."""
+    """Returns the user's umask, which can be read only by setting another umask; the user's is set again at once."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
@@ -85,7 +85,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def to_json(content: Mapping[str, Any]) -> str:
-    """Returns the content as standard JSON, which every language reads."""
+    """Returns the content as standard JSON text, which has no NaN or infinity; see `to_json_values`."""
     return json.dumps(to_json_values(content), indent=1, allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""Result folders: each is claimed first, written under a temporary name and then renamed, so it is whole or absent.
+"""Result folders: each is claimed first, written under a temporary name and then renamed, so it is either whole or absent.
 
 While a command works, no other command writes the folder. Files that other programs put into it meanwhile are kept:
 mqslam only ever removes files with names that it writes itself.
@@ -37,11 +37,11 @@ _OF_CHECKPOINT = """
     checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
 """
 _NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
-_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of folders beside a result; its lock notes them by these words
+_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of temporary folders, and words before their names in a lock
 
 
 class _Claim(NamedTuple):
-    """The claim of this process on a result folder: its lock, and the entries in it that may be replaced."""
+    """The claim of this process on a result folder: the folder's lock, and the entries in it that may be replaced."""
 
     lock: Lock
     replaceable: Sequence[PurePosixPath]
@@ -60,7 +60,7 @@ def claim_folder(
         out: the folder.
         force: whether files that mqslam has written into it may be replaced.
         resume: whether an unfinished run in it is to be continued.
-        sources: the inputs of the result, which it must not replace.
+        sources: paths of the inputs of the result, which must not lie in the folder or hold it; None is ignored.
 
     Raises:
         OutputError: the folder has content that must not be replaced or resumed, holds a source or lies in one, is a
@@ -83,7 +83,7 @@ def claim_folder(
 def write_folder_aside(out: Path) -> Iterator[Path]:
     """Yields a folder beside `out` that takes the place of `out` when the block ends without an error.
 
-    Files that mqslam has written into `out` are removed then; all other files in it are moved to the new folder.
+    Files that mqslam has written into `out` are then removed, and all other files in `out` are moved to the new folder.
 
     Raises:
         OutputError: the folder cannot be written.
@@ -133,7 +133,7 @@ def _put(aside: Path, out: Path, claim: _Claim) -> None:
 
 
 def _give_back(out: Path, lock: Lock) -> None:
-    """Restores the result folder `out` if a killed command was about to replace it."""
+    """Moves an old result folder that a killed command has left beside `out` back; if `out` exists, only files of others."""
     for left in _list_left(out, lock, _REPLACED):
         if not out.exists():
             left.rename(out)
@@ -143,14 +143,14 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left behind, and that its lock notes after the given word."""
+    """Lists the folders beside `out` that killed commands have left behind: their lock names them after the given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
 
 
 def _name_beside(out: Path, word: str) -> Path:
-    """Returns a path beside a folder at which no file exists yet; its name ends in the given word."""
+    """Returns a free path beside a folder, whose name ends in the given word, or in a number after the word."""
     path, number = out.with_name(f".{out.name}.{word}"), 0
     while os.path.lexists(path):
         number += 1
@@ -159,7 +159,7 @@ def _name_beside(out: Path, word: str) -> Path:
 
 
 def _check_place(out: Path, recording: Path | None) -> None:
-    """Checks that a result folder can be made at its path.
+    """Checks that a result folder can be made at the path `out`, where `recording` is one of its inputs or None.
 
     Raises:
         OutputError: the folder cannot be made there, holds the recording, or lies in the recording.
@@ -193,7 +193,7 @@ def check_writable(out: Path) -> None:
         out: the new file or folder.
 
     Raises:
-        OutputError: that folder may not be written to.
+        OutputError: the folder above may not be written to.
     """
     above = next(folder for folder in out.absolute().parents if folder.exists())
     if not (above.is_dir() and os.access(above, os.W_OK)):
@@ -218,7 +218,7 @@ def check_new_file(out: Path, *, force: bool) -> None:
 
 
 def make_folder(path: Path) -> Path:
-    """Makes an output folder and returns it; it must not hold anything yet.
+    """Makes an output folder and returns its path; an existing folder must be empty.
 
     Raises:
         OutputError: the folder exists with content, is a file, or cannot be made.
@@ -231,7 +231,7 @@ def make_folder(path: Path) -> Path:
 
 
 def list_entries(folder: Path) -> list[PurePosixPath]:
-    """Lists the files, links and empty folders below a folder, relative to it; no link is followed."""
+    """Lists the paths of files, links and empty folders below a folder, relative to that folder; no link is followed."""
     entries = []
     for root, folders, files in os.walk(folder):
         inside = PurePosixPath(Path(root).relative_to(folder).as_posix())
@@ -243,7 +243,7 @@ def list_entries(folder: Path) -> list[PurePosixPath]:
 
 
 def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
-    """Returns the entries of a folder that have names of files that mqslam writes."""
+    """Returns those entries of a folder whose names are among the names that mqslam writes."""
     names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
     return [entry for entry in entries if any(_matches(entry, name) for name in names)]
 
@@ -275,7 +275,7 @@ def carry_over(folder: Path, out: Path) -> None:
         with contextlib.suppress(OSError):  # a file that cannot be moved stays
             target.parent.mkdir(parents=True, exist_ok=True)
             (folder / entry).rename(target)
-        remove_entries(folder, [entry / "moved"])  # removes the folders above it that are empty now
+        remove_entries(folder, [entry / "moved"])  # removes the folders above the entry that are empty now
     with contextlib.suppress(OSError):
         folder.rmdir()
 

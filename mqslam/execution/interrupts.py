@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_AGAIN_S = 0.05  # time between two checks whether an interrupt was lost
+_AGAIN_S = 0.05  # time between two checks of whether an interrupt was lost and must be raised again
 
 
 @contextmanager
 def raise_interrupts() -> Iterator[None]:
     """Makes SIGINT, SIGTERM and SIGHUP end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
-    A signal that is ignored stays ignored, as for background jobs of shells. Python may drop an interrupt that is raised
-    while an object is deleted or while compiled code calls Python, and other code may turn an interrupt into an error
-    and handle it. Such an interrupt is raised again a moment later, unless the program is already cleaning up because of
-    it, and at the latest at the end of the block.
+    A signal that was ignored before the block stays ignored, as in background jobs of shells. Python may drop an interrupt
+    that is raised while an object is deleted or while compiled code calls Python, and other code may turn an interrupt
+    into an error and handle it. A lost interrupt is raised again a moment later, or at the latest at the end of the block,
+    unless the program is already cleaning up because of the interrupt.
     """
     hook = sys.unraisablehook
     alarm = signal.getsignal(signal.SIGALRM)
@@ -79,7 +79,7 @@ def raise_interrupts() -> Iterator[None]:
 
 @contextmanager
 def shield_from_interrupts() -> Iterator[None]:
-    """Hides SIGINT from processes that the block starts: terminals send it to every process, but the main one ends them."""
+    """Hides SIGINT from processes that the block starts: Ctrl-C reaches all processes, but only the main one shall act."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

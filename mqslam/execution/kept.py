@@ -17,7 +17,7 @@ from mqslam.errors import DataError
 R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
-_VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # array names by field
+_VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of arrays by names of fields
 _STATUSES = tuple(Status)
 _DOPPLER = ("doppler_beta", "doppler_sigma")
 _COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # fields of a search for loops that are counts
@@ -30,7 +30,7 @@ class Kept(Generic[R]):
     Args:
         file: name of the file that holds the result.
         pack: converts the result to arrays by name.
-        unpack: restores the result from these arrays; it raises KeyError if one is missing.
+        unpack: restores the result from these arrays; raises KeyError if an array is missing.
     """
 
     file: str
@@ -44,7 +44,7 @@ def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
 
 
 def _pack_detected(detected: Detected) -> Arrays:
-    """Converts detected returns to arrays: the returns of all scans joined, and the position at which each scan ends."""
+    """Converts a detection's result to arrays: the returns of all scans joined, and the index at which each scan ends."""
     arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _list_fields(Returns)}
     arrays["ends"] = np.cumsum([len(r) for r in detected.returns])
     arrays["counts"] = np.array(astuple(detected.counts), dtype=np.int64)
@@ -57,7 +57,7 @@ def _pack_detected(detected: Detected) -> Arrays:
 
 
 def _unpack_detected(arrays: Arrays) -> Detected:
-    """Restores detected returns from arrays."""
+    """Restores a detection's result from the arrays of `_pack_detected`; the times spent become zero."""
     columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _list_fields(Returns)]
     returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
     errors = (DataError(*words) for words in arrays["why"].tolist())
@@ -78,7 +78,7 @@ def _pack_measured(measured: Measured) -> Arrays:
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
-    """Restores measurements from arrays."""
+    """Restores measurements from the arrays of `_pack_measured`."""
     names = _list_fields(Measurement)
     columns = (arrays[name] if arrays[name].ndim > 1 else arrays[name].tolist() for name in names)
     rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
@@ -87,37 +87,37 @@ def _unpack_measured(arrays: Arrays) -> Measured:
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
-    """Converts a search for loops to arrays."""
+    """Converts the result of a search for loops to arrays: its counts, and the loops, one array per field."""
     counts: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
     return counts | _stack_loops(search.loops)
 
 
 def _unpack_loops(arrays: Arrays) -> LoopSearch:
-    """Restores a search for loops from arrays."""
+    """Restores the result of a search for loops from the arrays of `_pack_loops`."""
     return LoopSearch(_split_loops(arrays), *(int(arrays[name]) for name in _COUNTS))
 
 
 def _pack_refined(refined: Refined) -> Arrays:
-    """Converts a refinement to arrays: the loops that stay, followed by the ties, and the number of loops that stay."""
+    """Converts a refinement to arrays: the loops followed by the ties, and the number of loops, by which they are split."""
     psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
     own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
     return own | _stack_loops([*refined.loops, *refined.ties])
 
 
 def _unpack_refined(arrays: Arrays) -> Refined:
-    """Restores a refinement from arrays."""
+    """Restores a refinement from the arrays of `_pack_refined`."""
     loops, staying = _split_loops(arrays), int(arrays["staying"])
     before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
     return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
 
 
 def _stack_loops(loops: Sequence[Loop]) -> Arrays:
-    """Converts loops to arrays, one per field."""
+    """Converts loops to arrays, one per field of `Loop`."""
     return {name: np.array([getattr(loop, name) for loop in loops]) for name in _list_fields(Loop)}
 
 
 def _split_loops(arrays: Arrays) -> list[Loop]:
-    """Restores loops from arrays, one per field."""
+    """Restores loops from the arrays of `_stack_loops`."""
     rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
     return [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
 

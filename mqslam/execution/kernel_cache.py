@@ -1,7 +1,7 @@
 """Chooses where numba keeps compiled kernels: beside the code, else in the user's cache, else in a temporary folder.
 
-Numba itself chooses one of the first two. If it can write to none of them, as in a read-only container, it would refuse
-to compile at all.
+Numba itself chooses one of the first two folders. If numba can write to neither, as in a read-only container, it would
+refuse to compile at all.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ _CODE = Path(__file__).parents[1]
 
 
 def choose_cache() -> None:
-    """Sets a folder for compiled kernels if numba would find none; the processes that this one starts use it, too."""
+    """Sets a folder for compiled kernels if numba would find none; child processes of this process use the same folder."""
     if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, *_list_user_caches()))):
         os.environ["NUMBA_CACHE_DIR"] = str(_make_folder())
 
 
 def _list_user_caches() -> list[Path]:
-    """Lists the folder that numba uses as the user's cache; empty for a user without a home folder, as in containers."""
+    """Returns a list of the folder that numba uses as the user's cache; empty for a user without a home folder."""
     named = os.environ.get("XDG_CACHE_HOME")
     if named:
         return [Path(named)]

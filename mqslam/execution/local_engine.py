@@ -1,6 +1,6 @@
 """The engine of one machine: it calls pure functions in this process or in several, with the same result.
 
-The processes stay for many calls, and read the shared argument from files that all of them map into memory.
+The processes are kept for later calls, and read the shared argument from files that all of them map into memory.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class LocalEngine:
 
     Args:
         jobs: number of processes that work at a time; 1 means this process itself.
-        apart: number of functions that `map_apart` calls at a time; they share the processes.
+        apart: number of calls that `map_apart` makes at a time; each call may use `jobs` / `apart` processes.
     """
 
     def __init__(self, jobs: int, *, apart: int = 1) -> None:
@@ -85,7 +85,7 @@ class LocalEngine:
 
     @contextmanager
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R] | None]:
-        """Starts a call as `Engine.start` does."""
+        """Starts a call in one of the processes, as `Engine.start` does; yields None if `jobs` is 1."""
         if self._jobs == 1:
             yield None
             return
@@ -94,7 +94,7 @@ class LocalEngine:
             yield future.result
 
     def _submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
-        """Hands calls to the processes, which are started if there are none, or if one has died since the last call."""
+        """Hands calls to the processes, which are started if there are none or if a process has died since the last call."""
         if self._workers is None:
             self._workers = WorkerProcesses(self._jobs)
         try:
@@ -106,7 +106,7 @@ class LocalEngine:
 
     @contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """Ends the processes after an error of the block, so that they do no further items."""
+        """Ends the processes after an error of the block, so that they work on no further items."""
         try:
             yield
         except BaseException as error:
@@ -137,7 +137,7 @@ HERE: Final = LocalEngine(1)  # calls functions for one item after another, in t
 
 
 def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
-    """Returns the results as a list, and reports each one as it comes."""
+    """Returns the results as a list, and reports each result to `done` as soon as it is there."""
     collected: list[R] = []
     for result in results:
         collected.append(result)
@@ -146,7 +146,7 @@ def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
 
 
 def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
-    """Returns function(shared, item) from a new process, or None if that process dies."""
+    """Calls function(shared, item) in a new process and returns the result, or None if that process dies."""
     try:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             with shield_from_interrupts():
@@ -157,7 +157,7 @@ def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
 
 
 def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
-    """Returns function(shared, item); if a signal stops this process, the processes that the function started end, too."""
+    """Returns function(shared, item); a signal that stops this process also ends the processes that the function started."""
     with raise_interrupts():
         return function(shared, item)
 
@@ -165,8 +165,8 @@ def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
 class WorkerProcesses:
     """Processes that call functions. They start with the first call, which takes a second or two, and end with this object.
 
-    A large array is written to a file once and mapped by every process, so that it is in memory only once for all of
-    them. Arrays that calls share must therefore never change.
+    A large array is written to a file once and mapped into memory by every process, so that all processes share one copy.
+    Arrays that calls share must therefore never change.
 
     Args:
         count: number of processes.
@@ -177,14 +177,14 @@ class WorkerProcesses:
         end: dict[str, Any] = {"initializer": end_with_parent, "initargs": (self._folder,)}
         self._executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), **end)
         self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
-        self._written: dict[int, tuple[ref[Any], Path]] = {}  # by the array's id, as long as that array lives
+        self._written: dict[int, tuple[ref[Any], Path]] = {}  # by the array's id, as long as the array exists
         self._files = 0
 
     def submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
         """Submits function(shared, item) for each item, in order.
 
         Raises:
-            OSError: the function and its shared argument cannot be written, for example because the disk is full.
+            OSError: the function and `shared` cannot be written to a file, for example because the disk is full.
             BrokenProcessPool: a process has died.
         """
         if not items:
@@ -212,10 +212,10 @@ class WorkerProcesses:
         self._remove()
 
     def _write(self, what: Any) -> tuple[Path, list[Any]]:
-        """Writes an object to a file, and its large arrays to files of their own, which last as long as the arrays do.
+        """Writes an object to a file, and its large arrays to files of their own, which last as long as the arrays.
 
         Returns:
-            The file of the object, and the large arrays.
+            The path of the object's file, and the large arrays.
         """
         arrays: list[Any] = []
         paths: list[Path] = []
@@ -233,7 +233,7 @@ class WorkerProcesses:
         return self._write_bytes(pickle.dumps((paths, content))), arrays
 
     def _write_once(self, raw: memoryview) -> Path:
-        """Returns the file with the bytes of an array; the file is written only the first time."""
+        """Returns the path of the file with the bytes of an array, which is written only the first time."""
         for key, (array, path) in list(self._written.items()):
             if array() is None:
                 del self._written[key]
@@ -244,7 +244,7 @@ class WorkerProcesses:
         return known[1]
 
     def _write_bytes(self, content: bytes | memoryview) -> Path:
-        """Writes a new file; a file that does not fit on the disk is removed again."""
+        """Writes a new file and returns its path; a file that cannot be written completely is removed again."""
         self._files += 1
         path = self._folder / str(self._files)
         view = memoryview(content)
@@ -259,12 +259,12 @@ class WorkerProcesses:
         return path
 
 
-# what a process calls for each item: the file of the call, the function, the shared argument, and its mapped arrays
+# what a worker process keeps of its last call: the call's file, the function, the shared argument and its mapped arrays
 _held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = None
 
 
 def _call(path: Path, item: Any) -> Any:
-    """Calls the function that a file holds with its shared argument and an item, in a process of `WorkerProcesses`."""
+    """Calls the function in a file with the shared argument in the same file and an item; runs in a worker process."""
     global _held
     if _held is None or _held[0] != path:
         _held = None  # the memory of the last call is released before this call needs more
@@ -281,7 +281,7 @@ def _call(path: Path, item: Any) -> Any:
 
 
 def _map_into_memory(path: Path) -> mmap.mmap:
-    """Maps a file into memory; what a call writes to it does not reach the file, and is lost after the call."""
+    """Maps a file into memory; changes in memory do not reach the file, and are lost after the call."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
 

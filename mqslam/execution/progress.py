@@ -1,14 +1,14 @@
-"""The type of the functions to which a stage reports its progress."""
+"""The type of functions to which a stage reports its progress, and two such functions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Progress = Callable[[str, int, int], object]  # stage, done, total
+Progress = Callable[[str, int, int], object]  # name of a stage, number of steps done, number of all steps
 
 
 def count_items(progress: Progress, stage: str, total: int) -> Callable[[int, object], None]:
-    """Returns a function that reports each finished item of `Engine.map` as progress of a stage of `total` items."""
+    """Returns a function for `done` of `Engine.map`, which reports each finished item as progress of a stage."""
 
     def report(number: int, result: object) -> None:
         progress(stage, number, total)
@@ -17,4 +17,4 @@ def count_items(progress: Progress, stage: str, total: int) -> Callable[[int, ob
 
 
 def ignore_progress(stage: str, done: int, total: int) -> None:
-    """Ignores the progress; the default of stages whose progress nobody follows."""
+    """Does nothing with the progress: the default of stages whose progress nobody follows."""

@@ -1,4 +1,4 @@
-"""The runner: times stages, keeps and finds their results, reports their progress and tolerates failures."""
+"""The runner: times the stages of a run, keeps and finds their results, reports their progress and tolerates failures."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Runner:
             points (N, 2) [m], both in the first scan's frame.
 
     Attributes:
-        runtime_s: seconds that each stage has taken so far.
-        warnings: what has failed so far, and why.
+        runtime_s: seconds that each stage has taken so far, by the name of the stage.
+        warnings: sentences on what has failed so far, and why.
         crashes: error messages of results that could not be made, by the name of the result.
     """
 
@@ -98,7 +98,7 @@ class Runner:
 
         Args:
             stage: name of the stage.
-            items: the items it makes.
+            items: the items that the stage makes.
             total: number of steps of the whole stage.
         """
         for number, item in enumerate(items, 1):

@@ -1,1 +1,1 @@
-"""Guards that keep a command from doing and taking harm: locks, bounds of memory, separate processes for hostile files."""
+"""Protection of outputs, memory and the main process: locks, bounds of memory, separate processes for untrusted files."""

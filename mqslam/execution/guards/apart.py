@@ -1,4 +1,4 @@
-"""Calls functions that read untrusted files in separate processes, which may crash and have bounded memory and time."""
+"""Calls functions that read untrusted files in separate processes of bounded memory and time, so that only these crash."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Final, NoReturn
 from mqslam.execution.guards.memory import bound_memory
 
 _PATIENCE_S: Final = 600.0  # longest time that such a process may take
-_REFUSED: Final = 3  # exit code of a process that has written to stderr what is wrong
+_REFUSED: Final = 3  # exit code of a process whose function failed with an error, which it has written to stderr
 _ONE_THREAD: Final = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
 class ProcessFailed(Exception):
-    """The error of a process that did not finish; its text says what went wrong, as far as known."""
+    """Raised if a process did not finish; the text says what went wrong, as far as it is known."""
 
 
 def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:
-    """Calls a function of a module in a new process, and returns its result.
+    """Calls a function of a module in a new process, and returns the function's result.
 
-    That process imports nothing from the user's current folder, since the folder may hold anything.
+    The new process imports nothing from the user's current folder, where anybody may have put a module.
 
     Args:
         function: the function; it takes the words, may read stdin, and must not print.
-        words: argument of the function.
-        content: content of stdin.
-        most_bytes: memory that the process may have.
+        words: the function's argument.
+        content: what the function can read from stdin.
+        most_bytes: largest memory that the process may take.
 
     Raises:
         ProcessFailed: the process died, took too long, or raised an error.
@@ -51,7 +51,7 @@ def call_apart(function: Callable[[list[str]], bytes], words: list[str], content
 
 
 def answer(function: Callable[[list[str]], bytes]) -> NoReturn:
-    """Calls a function in the process that `call_apart` has started, and ends that process."""
+    """Calls a function in the process that `call_apart` has started, writes the result to stdout, and ends the process."""
     bound_memory(int(sys.argv[1]))
     try:
         content = function(sys.argv[2:])

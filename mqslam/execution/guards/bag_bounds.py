@@ -1,6 +1,6 @@
-"""Bounds on the memory that a ROS bag can make rosbags use, since rosbags itself takes as much as a bag asks for.
+"""Bounds on the memory that the library rosbags uses for a ROS bag; without them, rosbags takes as much as a bag asks for.
 
-Bounded functions replace the functions with which rosbags unpacks data, opens databases, and parses profiles and message
+Bounded functions replace the functions by which rosbags unpacks data, opens databases, and parses profiles and message
 definitions.
 """
 
@@ -16,10 +16,10 @@ from typing import Any, cast
 
 from mqslam.errors.untrusted import bound_unpacked
 
-_LONGEST_QUALITIES = 4000  # characters of quality-of-service profiles; a profile takes 300
+_LONGEST_QUALITIES = 4000  # characters of quality-of-service profiles; one profile has about 300
 _LONGEST_DEFINITION = 1_000_000  # characters
 _LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length: rosbags writes code for each
-_LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # computed constants, of which a few fill the memory
+_LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # computed constants: a few can fill the memory
 
 
 @cache
@@ -37,7 +37,7 @@ def bound_rosbags() -> None:
 
 
 def _unpack_with(module: str, name: str) -> Callable[[bytes], bytes]:
-    """Returns a function that unpacks data up to a bound, with the class that has the given name in a module."""
+    """Returns a function that unpacks data up to a bound, with the class `name` of a module."""
     return partial(_unpack, getattr(importlib.import_module(module), name))
 
 
@@ -48,7 +48,7 @@ class _BoundedZstd:
         self._zstd = zstd
 
     def decompress(self, packed: bytes) -> bytes:
-        """Unpacks a chunk or a message."""
+        """Unpacks a chunk or a message; raises ValueError beyond the bound."""
         return _unpack(self._zstd.ZstdDecompressor, packed)
 
     def open(self, file: Any, mode: str) -> Any:
@@ -71,7 +71,7 @@ class _BoundedFile:
         self._file.close()
 
     def read(self, size: int = -1) -> bytes:
-        """Reads the next bytes, at most `size` of them."""
+        """Reads the next bytes, at most `size` or, if it is negative, all; raises ValueError beyond the bound."""
         content: bytes = self._file.read(min(size, self._left + 1) if size >= 0 else self._left + 1)
         self._left -= len(content)
         if self._left < 0:
@@ -80,7 +80,7 @@ class _BoundedFile:
 
 
 def _unpack(make: Callable[[], Any], packed: bytes) -> bytes:
-    """Unpacks one stream or several joined streams, each with a new unpacker of bz2, lz4 or zstd.
+    """Unpacks one stream or several joined streams, each with a new unpacker of bz2, lz4 or zstd that `make` returns.
 
     Raises:
         ValueError: the streams unpack to more than is allowed, or end too early.
@@ -99,12 +99,12 @@ def _unpack(make: Callable[[], Any], packed: bytes) -> bytes:
 
 
 def _refuse(most_bytes: int) -> ValueError:
-    """Returns the error of data that would fill the memory."""
+    """Returns the error for packed data that unpacks to more than `most_bytes`."""
     return ValueError(f"packed data that unpacks to more than {most_bytes / 1e6:.0f} MB; write it in smaller chunks")
 
 
 def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
-    """Parses quality-of-service profiles; returns [] for YAML that is damaged, or too long or repetitive for the memory."""
+    """Parses quality-of-service profiles; returns [] for YAML that is damaged, too long, or repeats parts by references."""
     is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
     try:
         return parse(profiles) if is_short else []
@@ -113,13 +113,13 @@ def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[A
 
 
 def _bound_database(apsw: Any, database: Any) -> None:
-    """Keeps a database from making rows that are not in its file, by views or by computed columns."""
+    """Keeps a database from making large rows that are not in its file: forbids views, and bounds the length of a row."""
     database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, bound_unpacked(0) + Path(database.filename).stat().st_size)
 
 
 def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[..., Mapping[str, Any]]:
-    """Returns a parser of message definitions that refuses definitions that would take rosbags too much memory."""
+    """Returns a parser of message definitions that raises ValueError if rosbags would need too much memory for them."""
     from rosbags.interfaces import Nodetype
 
     def parse_bounded(text: str, *name: str) -> Mapping[str, Any]:

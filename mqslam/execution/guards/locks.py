@@ -13,9 +13,9 @@ from pathlib import Path
 
 from mqslam.errors import OutputError, Remedy
 
-_TITLE = "mqslam, process"  # first words in the file of a lock; a file that begins otherwise belongs to someone else
-_LONGEST = 10_000  # characters of a lock that are read
-_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # any other error means a file system without locks
+_TITLE = "mqslam, process"  # first words in the file of a lock; a file with other first words is not ours
+_LONGEST = 10_000  # bytes of a lock that are read
+_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # errors of a lock that another process holds
 _TRIES = 5  # attempts, since the owner may remove the file between our opening and our locking it
 
 
@@ -25,7 +25,10 @@ class Lock:
     Args:
         path: file of the lock.
         handle: handle of the file, which is open and locked.
-        found: content that an owner left in the file when it was killed; else empty.
+        found: content that a killed owner has left in the file; else empty.
+
+    Attributes:
+        notes: lines that killed owners have added by `note`.
     """
 
     def __init__(self, path: Path, handle: int, found: bytes) -> None:
@@ -38,7 +41,7 @@ class Lock:
         os.write(self._handle, os.fsencode("".join(f"{line}\n" for line in lines)))
 
     def remove(self) -> None:
-        """Removes the file."""
+        """Removes the file of the lock."""
         with contextlib.suppress(OSError):
             self._path.unlink()
 
@@ -51,7 +54,7 @@ class Lock:
             self._write(self._found)
 
     def _write(self, content: bytes) -> None:
-        """Replaces the content of the file."""
+        """Replaces the content of the file by other content."""
         os.ftruncate(self._handle, 0)
         os.lseek(self._handle, 0, os.SEEK_SET)
         os.write(self._handle, content)

@@ -6,7 +6,7 @@ import ctypes
 import resource
 import sys
 
-_UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts bytes, others count kilobytes
+_UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts bytes, other systems count kilobytes
 
 
 def find_peak_mb(*, children: bool = False) -> float:
@@ -20,14 +20,14 @@ def find_peak_mb(*, children: bool = False) -> float:
 
 
 def bound_memory(most_bytes: int) -> None:
-    """Limits the memory of this process to `most_bytes`."""
+    """Limits the address space of this process to `most_bytes`."""
     resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
 
 
 def return_free_memory() -> None:
-    """Gives freed memory that the C library keeps for later use back to the system: often 100 MB after a stage.
+    """Returns freed memory, which the C library keeps for later use, to the system: often 100 MB after a stage.
 
-    Does nothing with other C libraries than glibc.
+    This function does nothing if the C library is not glibc.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
