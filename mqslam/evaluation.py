@@ -44,7 +44,7 @@ class Evaluation:
 
 
 def list_errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the errors of an estimate against ground truth by name; None if there is no ground truth to compare with."""
+    """Returns the fields of `Evaluation` by name; None if there is no ground truth, or too little of it to compare with."""
     errors = None if truth is None else evaluate(estimate, truth)
     return None if errors is None else asdict(errors)
 
@@ -57,7 +57,7 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
         truth: ground truth.
 
     Returns:
-        the errors; None where fewer than 3 stamps of the truth lie in the estimate's span.
+        The errors; None if fewer than 3 stamps of the truth lie in the estimate's span.
     """
     pair = pair_poses(estimate, truth)
     if pair is None:
@@ -104,7 +104,7 @@ def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByL
         truth: ground truth.
 
     Returns:
-        the errors; None where the estimate covers no 100 m of the true path.
+        The errors; None if the estimate covers less than 100 m of the true path.
     """
     pair = pair_poses(estimate, truth)
     segments = None if pair is None else _measure_segments(*(track.poses for track in pair))
@@ -124,8 +124,8 @@ def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.fl
         truth: ground truth.
 
     Returns:
-        at the M stamps of the truth that lie in the estimate's span, the length (M,) [m] of the true path so far, and the
-        position error (M,) [m]; None where there are fewer than 3 such stamps.
+        At the M stamps of the truth that lie in the estimate's span, the length (M,) [m] of the true path so far, and the
+        position error (M,) [m]; None if there are fewer than 3 such stamps.
     """
     pair = pair_poses(estimate, truth)
     if pair is None:
@@ -137,7 +137,7 @@ def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.fl
 def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_us: int) -> float | None:
     """Returns the NEES of motions: their mean squared error, normalised by their covariances, per degree of freedom.
 
-    It is 1 on average where the covariances are right, and larger where they are too small.
+    The NEES is 1 on average if the covariances are right, and larger if the covariances are too small.
 
     Args:
         measurements: the motions, each with its covariance.
@@ -145,8 +145,8 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
         start_us: stamp of the recording's start [us], which is time zero of the motions.
 
     Returns:
-        the mean over the motions within the truth's span; None if no motion lies in it, or a covariance is not positive
-        definite.
+        The mean over the motions within the truth's span; None if no motion lies in this span, or if a covariance is not
+        positive definite.
     """
     spans = start_us + np.round(np.array([(m.t0, m.t1) for m in measurements]).reshape(-1, 2) * 1e6).astype(np.int64)
     inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, SLACK_US)]
@@ -175,7 +175,7 @@ def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Tra
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
-    """Returns the rigid motion (3,) that best aligns the estimate's positions with the truth; None if `pair_poses` does."""
+    """Returns the rigid motion (3,) that best aligns an estimate with the truth; None if `pair_poses` returns None."""
     pair = pair_poses(estimate, truth)
     return None if pair is None else _fit_rigid_motion(*(track.poses for track in pair))
 
@@ -187,7 +187,7 @@ def _measure_distances(estimated: se2.Array, true: se2.Array) -> NDArray[np.floa
 
 
 def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
-    """Returns the rigid motion (3,) that moves the positions of estimated poses (M, 3) as near as possible to the true."""
+    """Returns the rigid motion (3,) that best aligns the positions of estimated poses (M, 3) with true poses (M, 3)."""
     centre, target = estimated[:, :2].mean(axis=0), true[:, :2].mean(axis=0)
     a, b = estimated[:, :2] - centre, true[:, :2] - target
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
@@ -219,5 +219,5 @@ def _measure_segments(
 
 
 def _rms(values: se2.Array) -> float:
-    """Returns the root mean square of values."""
+    """Returns the root mean square of values (N,)."""
     return float(np.sqrt(np.mean(np.square(values))))

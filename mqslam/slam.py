@@ -69,7 +69,7 @@ class Slam:
 
         Args:
             recording: the recording.
-            odometry: dead-reckoned poses that cover the recording, or None.
+            odometry: dead-reckoned poses of the sensor that cover the recording, or None.
             sensors: the other sensors of the vehicle.
 
         Raises:
@@ -113,8 +113,8 @@ class Slam:
     def solve_in_unit(self, scans: Scans, context: Context) -> Solution:
         """Estimates the optimised trajectory of a lidar's scans, with all lengths divided by the scans' unit of length.
 
-        In this unit (`scans.unit_m`) a lidar's ranges are about as large as a radar's, for which the method is made. The
-        solution that is returned is in metres.
+        In this unit (`scans.unit_m`), a lidar's ranges are about as large as the ranges of a radar, for which the method is
+        made. The solution that is returned is in metres.
 
         Args:
             scans: scans of the recording.
@@ -244,7 +244,7 @@ class Slam:
         return None
 
     def _measure_ranges(self, scans: Scans, track: Trajectory, beam: Beam) -> RangeErrors | None:
-        """Measures the errors of the radar's ranges by psi; returns None if that fails or the drive does not show them."""
+        """Measures the errors of the radar's ranges by psi; returns None if this fails or the drive does not show them."""
         runner, estimator = self._runner, self._config.estimator
         errors: RangeErrors | None = None
         with runner.time_stage("check"), runner.tolerate("the errors of the ranges"):

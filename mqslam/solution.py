@@ -52,13 +52,13 @@ class Solution:
         values: the optimised values.
         covariances: covariances of all optimised poses, or the reason why they are unknown.
         odometry_factors: number of odometry edges in the graph.
-        loops: all loop closures that were found; where the refinement measured the same passes, its ties replace them in the
-            graph.
-        loops_rejected: number of loop candidates that psi, the graph or the map rejected.
+        loops: all loop closures that were found; where the refinement has measured the same passes, the refinement's ties
+            replace these loops in the graph.
+        loops_rejected: number of pairs of scans that were compared but are no loop.
         refined: result of the refinement that follows the loop closures, including psi across passes.
         sensors: how each of the other sensors is used, or why it is not.
         range_errors: range offset and Doppler shift of the radar as psi measured them before other sensors were joined; None
-            if it could not measure them.
+            if psi could not measure them.
         range_scale: the scale of the ranges; measurements, trajectories and maps are made with its factor.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: sentences on what could not be done, and why.
@@ -99,7 +99,7 @@ class Solution:
         return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
 
     def scale(self, factor: float, config: Config) -> Solution:
-        """Returns the solution in another unit of length; it must have no sensors besides odometry.
+        """Returns the solution in another unit of length; the solution must use no sensors besides odometry.
 
         Args:
             factor: number by which all lengths are multiplied.
@@ -126,7 +126,7 @@ class Solution:
         Args:
             scans: scans of the recording.
             recording: the recording.
-            engine: where places are described; the result does not depend on it.
+            engine: engine that describes the places; the result does not depend on the choice of the engine.
         """
         span = recording.start_us, recording.end_us
         unit_m = scans.unit_m
@@ -142,7 +142,7 @@ class Solution:
 
     @property
     def before(self) -> str:
-        """The name of the trajectory before optimisation, for tables."""
+        """Name of the trajectory `odometry`, for tables: `odometry`, or the front end's name with `, chained`."""
         return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
 
 

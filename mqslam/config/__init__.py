@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from mqslam.config.yaml_file import check_tree, parse_tree
 from mqslam.errors import ConfigError, require_type, suggest, untrusted
 
-# Marks a setting that only an expert would touch; it is shown only on request, or if a file changes it.
+# Marks a setting that only an expert would change; such a setting is shown only on request, or if a file changes it.
 EXPERT: Final[dict[str, Any]] = {"expert": True}
 
 
@@ -120,7 +120,10 @@ class DetectorConfig(Section):
 
 
 class PsiConfig(Section):
-    """Parameters of the published score, named as in the paper. The paper gives no values: the defaults are ours."""
+    """Parameters of the published score, named as in the paper. The paper gives no values: the defaults are ours.
+
+    Source: "Motion Estimation from Map Quality with Millimeter Wave Radar".
+    """
 
     s: float = Field(2.0, gt=0.0, description="Radius of a point's neighbourhood [m].")
     beta_s: float = Field(1.0, gt=0.0, description="Width of the spatial kernel [m].")
@@ -148,7 +151,7 @@ class PsiConfig(Section):
 
     @property
     def charge(self) -> float:
-        """Cost of one unmatched point."""
+        """Cost of one point without a neighbour, in the unit of the score."""
         return self.unmatched * (2.0 * self.s / (math.pi * self.tau)) ** 2
 
 
@@ -393,7 +396,7 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
     Args:
         source: a `Config`, which is returned as it is; a dict of sections with changes of the default settings; the path of
             a YAML file; the name of a shipped configuration, such as `oxford`; or None, which takes the default settings.
-        default: returns the default settings; None takes those of `Config()`.
+        default: returns the default settings; None stands for the defaults of `Config()`.
 
     Raises:
         ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
@@ -458,7 +461,7 @@ def list_shipped() -> list[str]:
 
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """Returns the settings with the Doppler shift [s] that a command used; the config.yaml of a result states it, too."""
+    """Returns the settings with the Doppler shift [s] that a command used, as commands write them to config.yaml."""
     return set_values(config, "sensor", doppler_beta=doppler_beta)
 
 
@@ -468,7 +471,7 @@ def set_values(config: Config, section: str, **changed: float | str | Path | Non
 
 
 def set_tolerance(config: Config, metres: float | None) -> Config:
-    """Returns the settings with another tolerance of the verdict [m]; the same settings for None.
+    """Returns the settings with another tolerance of the verdict [m]; None leaves the settings as they are.
 
     Raises:
         ConfigError: the tolerance is not positive and finite.
@@ -481,7 +484,7 @@ def set_tolerance(config: Config, metres: float | None) -> Config:
 
 
 def dump_yaml(config: Config) -> str:
-    """Returns every setting as YAML that `load_config` reads back."""
+    """Returns all settings as YAML, which `load_config` can read."""
     text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     return text
 
@@ -513,7 +516,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
 
 def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ, each as (name, value before, value after) with the values as in JSON."""
+    """Returns the settings that differ, each as (section.name, JSON value before, JSON value after)."""
     differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")

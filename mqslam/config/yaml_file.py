@@ -1,4 +1,4 @@
-"""Reads a YAML file as a tree of settings; a mistake in the file becomes an error of one line."""
+"""Reads settings from YAML: the text becomes a tree of dicts and lists, and every mistake an error of one line."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def parse_tree(name: str | Path, text: str | bytes) -> dict[str, Any]:
         text: content of the file; bytes are UTF-8.
 
     Raises:
-        ConfigError: the text is not YAML, or is no tree.
+        ConfigError: the text is not YAML, or its outermost value is not a mapping.
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else untrusted.decode(text))
     except yaml.MarkedYAMLError as error:
         where = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise ConfigError(f"{name}: is not a readable YAML file ({where}{error.problem or error.context})") from error
-    except Exception as error:  # PyYAML does not catch the errors of making numbers, dates and keys
+    except Exception as error:  # PyYAML passes on errors of Python that invalid numbers, dates and keys raise
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
@@ -55,7 +55,7 @@ def parse_tree(name: str | Path, text: str | bytes) -> dict[str, Any]:
 
 
 def check_tree(model: type[M], name: str | Path, tree: dict[str, Any]) -> M:
-    """Returns the settings in a tree, such as a YAML file holds.
+    """Returns the settings in a tree, such as `parse_tree` returns.
 
     Raises:
         ConfigError: a setting is unknown or out of range; the error begins with `name`.
@@ -82,7 +82,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Returns the names of the settings below a path of parents; a number in the path is an index in a list."""
+    """Returns the names of the settings of a section, given the names of its parents; a number is an index in a list."""
     node: Any = model
     for parent in parents:
         node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation

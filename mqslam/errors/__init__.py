@@ -17,7 +17,7 @@ _COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-
 """Control characters, invisible characters, characters that set the text's direction, and bytes that are not UTF-8."""
 _IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
 _IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
-_LONGEST = 800  # characters of a message, which may quote a text of any length from a damaged file
+_LONGEST = 800  # characters of a message; a message may quote a text of any length from a damaged file
 
 
 class Remedy(StrEnum):
@@ -101,7 +101,7 @@ class OfLidarError(DataError):
 
     Args:
         path: the recording.
-        problem: what it is.
+        problem: what is wrong: by default, that the recording is a lidar's.
         remedy: what the user can do about it.
     """
 
@@ -143,7 +143,7 @@ def to_path(given: str | os.PathLike[str], name: str) -> Path:
         name: name of the argument, for the error.
 
     Raises:
-        ConfigError: it is neither.
+        ConfigError: `given` is neither a text nor a path.
     """
     require_type(given, str | os.PathLike, name, "a path, as a text or a pathlib.Path")
     return Path(given)
@@ -204,13 +204,13 @@ def describe_error(error: Exception) -> str:
 
 
 def find_interrupt(error: BaseException) -> BaseException | None:
-    """Finds the interrupt behind an exception: the exception itself, or one that compiled code turned into an error.
+    """Finds the interrupt behind an exception: the exception itself, or an interrupt that other code turned into it.
 
     Args:
         error: the exception.
 
     Returns:
-        An `Interrupted` or a KeyboardInterrupt; None where there is none.
+        An `Interrupted` or a KeyboardInterrupt; None if no interrupt is behind the exception.
     """
     passed: list[BaseException] = []
     following: BaseException | None = error
@@ -235,18 +235,18 @@ def find_near(name: str, known: Collection[str]) -> str | None:
 
 
 def suggest(name: str, known: Collection[str]) -> str:
-    """Suggests a replacement for an unknown name: the most similar known name, or all known names if none is similar."""
+    """Returns advice on an unknown name, for an error: the most similar known name, or all known names if none is near."""
     near = find_near(name, known)
     return f"did you mean {near}?" if near else f"choose one of {', '.join(known)}"
 
 
 def show(name: str) -> str:
-    """Returns a text in one line, with control characters escaped, so that it is safe to print."""
+    """Returns a text in one line, with line breaks and control characters escaped, so that it is safe to print."""
     return _IN_LINE.sub(_escape, name)
 
 
 def show_lines(text: str) -> str:
-    """Returns a text of several lines, with control characters escaped, so that it is safe to print."""
+    """Returns a text with control characters escaped, so that it is safe to print; line breaks stay."""
     return _IN_TEXT.sub(_escape, text)
 
 
@@ -256,7 +256,7 @@ def _escape(match: re.Match[str]) -> str:
 
 
 def _shorten(message: str) -> str:
-    """Returns a message in one line of bounded length."""
+    """Returns a message in one line of bounded length; a long message loses its middle."""
     line = show(" ".join(message.split("\n")))
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 

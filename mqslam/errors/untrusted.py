@@ -16,8 +16,8 @@ from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 from mqslam.errors import DataError, MqslamError, raise_interrupt
 
 _ALWAYS_BYTES = 16_000_000  # compressed data of any size may unpack to this many bytes
-_MOST_EXPANSION = 20  # plus this many times their packed size: measurements hardly compress
-YAML_BYTES = 300_000  # largest YAML text, since parsing takes seconds and five hundred times as much memory
+_MOST_EXPANSION = 20  # plus this many times the packed size, since measurements can hardly be compressed
+YAML_BYTES = 300_000  # largest YAML text, since parsing it takes seconds and five hundred times its size in memory
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer lines
 _UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # byte order mark, then an ASCII character
 _DAMAGED = "copy the file again, or leave it out"
@@ -41,12 +41,12 @@ class _Recording(Protocol):
 
 
 def bound_unpacked(packed_bytes: int) -> int:
-    """Returns the largest number of bytes that compressed data may unpack to, given their own size."""
+    """Returns the largest number of bytes that compressed data of a size may unpack to."""
     return _ALWAYS_BYTES + _MOST_EXPANSION * packed_bytes
 
 
 def check_file(path: Path) -> Path:
-    """Returns the path of a file if it may be opened. A missing file and a folder pass: opening them raises the error.
+    """Returns the path of a file if it may be opened. Missing files and folders pass, since opening them raises an error.
 
     Raises:
         DataError: the path is a pipe, a socket or a device, or a link that leads out of the folder that is being read.
@@ -79,7 +79,7 @@ def check_link(path: Path, *inside: Path) -> None:
 
 @contextmanager
 def stay_within(folder: Path) -> Iterator[None]:
-    """Makes `check_file` refuse links in a folder that lead out of it, while the block lasts; other links are allowed."""
+    """Makes `check_file` refuse links that lie in a folder and lead out of this folder, while the block lasts."""
     before = _folder.set(folder.absolute())
     try:
         yield
@@ -136,10 +136,10 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
 
 @contextmanager
 def blame_file(path: Path) -> Iterator[None]:
-    """Turns any error of the block into an error about a file; the log gets the traceback of unforeseen errors.
+    """Turns any error of the block into a DataError about a file; the log gets the traceback of an unforeseen error.
 
     Raises:
-        DataError: the block has failed.
+        DataError: the block has failed with an error that is not one of mqslam.
     """
     try:
         yield
@@ -158,9 +158,9 @@ def blame_file(path: Path) -> Iterator[None]:
 
 
 def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
-    """Decorates a function that reads the file or folder at a path, its first argument: all errors become errors about it.
+    """Decorates a function whose first argument is the path that it reads: each call runs inside of `blame_file`.
 
-    If the first argument is a folder, links in it that lead out of it are refused.
+    If the path is a folder, links that lie in the folder and lead out of it are refused.
     """
 
     @wraps(read)
@@ -172,7 +172,7 @@ def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[
 
 
 def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[Concatenate[R, P], Iterator[T]]:
-    """Decorates a method that yields parts of a recording: all its errors become errors about the recording."""
+    """Decorates a method that yields parts of a recording: it runs inside of `blame_file` with the recording's path."""
 
     @wraps(read)
     def read_and_blame(recording: R, /, *arguments: P.args, **named: P.kwargs) -> Iterator[T]:
@@ -183,14 +183,14 @@ def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[
 
 
 def _read_mark(content: bytes) -> str | None:
-    """Returns the encoding that a text's byte order mark states, or None."""
+    """Returns the encoding that the byte order mark of a text states; None without such a mark."""
     if content.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     return "utf-16" if _UTF_16.match(content) else None
 
 
 def _check_lines(path: Path) -> None:
-    """Raises DataError if a file has a line that is too long."""
+    """Raises DataError if a file has a line of more than `_LONGEST_LINE` bytes."""
     begin = 0  # bytes so far of the line that the next block continues
     with path.open("rb") as file:
         while block := file.read(_LONGEST_LINE):
