@@ -162,7 +162,7 @@ class Slam:
             graph, optimum = problem.optimise(refined.loops, refined.ties)
             poses = poses_of(optimum.values, graph.size)
             covariances = compute_all_marginals(graph, optimum.values)
-            with runner.tolerate("how much each sensor contributes"):
+            with runner.tolerate("the share that each sensor contributes"):
                 used = used.weigh(problem, refined, poses)
         runner.warnings += [*used.refusals, *search.warnings, *optimum.warnings, *covariances.warnings]
         return Solution(
@@ -209,7 +209,7 @@ class Slam:
         edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
         edges = doubt_contradicted(edges, motions) if context.is_lidar else edges
         joined = Joined(Problem(motions, edges), SensorUse(odometry=fault), odometry)
-        with self._runner.tolerate(f"the sensors beside the {context.sensor_name}"):
+        with self._runner.tolerate(f"the use of the sensors beside the {context.sensor_name}"):
             joined = Joined(
                 *join_sensors(joined.problem, odometry, sensors, context.velocities, start_us, settings, fault), odometry
             )
@@ -247,6 +247,6 @@ class Slam:
         """Measures the errors of the radar's ranges by psi; returns None if this fails or the drive does not show them."""
         runner, estimator = self._runner, self._config.estimator
         errors: RangeErrors | None = None
-        with runner.time_stage("check"), runner.tolerate("the errors of the ranges"):
+        with runner.time_stage("check"), runner.tolerate("the measurement of the errors of the ranges"):
             errors = measure_range_errors(scans, track.poses, estimator, beam, runner.engine)
         return errors

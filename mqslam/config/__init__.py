@@ -213,7 +213,7 @@ class TrackerConfig(Section):
     @classmethod
     def _check_segments(cls, segment_scans: int) -> int:
         if 0 < segment_scans < 2 * WARM_UP_SCANS:
-            raise ValueError(f"must be 0 or at least {2 * WARM_UP_SCANS}, twice the scans that a track warms up on")
+            raise ValueError(f"must be 0 or at least {2 * WARM_UP_SCANS}, twice as many scans as a track warms up on")
         return segment_scans
 
 

@@ -127,7 +127,9 @@ class LoopSearch:
             "the search for loops cannot cover the uncertainty of the trajectory": self.unsure,
         }
         return [
-            f"{why}: {count} pairs of passes were left out" for why, count in left_out.items() if count > len(self.loops)
+            f"loops: {count} pairs of passes were left out, because {why}"
+            for why, count in left_out.items()
+            if count > len(self.loops)
         ]
 
 

@@ -103,5 +103,5 @@ def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]
     passed = (summary.get("verdict") or {}).get("status") == "pass"
     if not used or passed or before is None or after is None or after <= before:
         return []
-    psi_of_both = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
+    psi_of_both = f"psi per point is {before:.4f} before optimisation and {after:.4f} with the sensors"
     return [f"{psi_of_both}: the sensors may bend the map; compare it with a run without {' and '.join(used)}"]

@@ -34,17 +34,17 @@ class Remedy(StrEnum):
         "give extrinsics, or take the frame of the radar, in which a run estimates the extrinsics if there is odometry"
     )
     NAME_GYROSCOPE = "give a file with the readings of a gyroscope"
-    SWITCH_GYROSCOPE_ON = "take the recording's own gyroscope, or give a file with the readings of one"
-    GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
-    GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between the clocks of the two"
+    SWITCH_GYROSCOPE_ON = "take the recording's own gyroscope, or give a file with the readings of another"
+    GIVE_FITTING_TRAJECTORY = "give the trajectory that the cloud was made with, or the time between their clocks"
+    GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between their clocks"
     GIVE_MORE_POSES = "give the trajectory with a pose for every scan"
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     GIVE_TIME_OFFSET = "give a time offset in seconds of"
     GIVE_TRAJECTORY = "give the file of a trajectory"
-    GIVE_TRAJECTORY_OR_NAME = "give the file of a trajectory, or the name of one that the recording carries"
-    GIVE_VALUES = "give the file of its values"
-    LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
+    GIVE_TRAJECTORY_OR_NAME = "give the file of a trajectory, or the name of a trajectory that the recording carries"
+    GIVE_VALUES = "give the file with the values of the graph"
+    LEAVE_STRICT_OUT = "mend the recording, or run without strict to leave out what cannot be read"
     NAME_LAYOUT = "name its layout"
     NAME_TARGET = "name the layout to write"
     NAME_TOPIC = "name the radar's topic"
@@ -57,7 +57,7 @@ class Remedy(StrEnum):
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
     RESUME = "resume the run to continue it"
-    WAIT_OR_CHOOSE_OUTPUT = "wait until that has ended, or choose another output"
+    WAIT_OR_CHOOSE_OUTPUT = "wait until the other process has ended, or choose another output"
 
 
 class MqslamError(Exception):

@@ -36,7 +36,7 @@ def test_a_map_that_is_not_passed_and_was_crisper_without_the_sensors_says_so(
 ) -> None:
     psi = {"per_point_odometry": 0.25, "per_point_optimised": after}
     notes = list_sensor_notes({"sensors": sensors, "psi": psi, "verdict": {"status": status}})
-    doubts = [note for note in notes if note.startswith("psi per point is 0.2500 by psi's motions alone")]
+    doubts = [note for note in notes if note.startswith("psi per point is 0.2500 before optimisation")]
     assert len(doubts) == (named is not None)
     assert all(note.endswith(f"a run without {named}") for note in doubts)
 

@@ -93,7 +93,7 @@ def _unpack(make: Callable[[], Any], packed: bytes) -> bytes:
         if most < 0:
             raise _refuse(bound_unpacked(len(packed)))
         if not unpacker.eof:
-            raise ValueError("packed data that ends too early")
+            raise ValueError("packed data ends too early")
         left = unpacker.unused_data or b""
     return b"".join(parts) if len(parts) != 1 else parts[0]
 
@@ -131,7 +131,7 @@ def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[...,
         for message, (_, fields) in types.items():
             for field, (kind, what) in fields:
                 if kind == Nodetype.ARRAY and what[1] > _LONGEST_ARRAY and not _is_number(what[0]):
-                    raise ValueError(f"{message} defines {field} as {what[1]} messages or texts")
+                    raise ValueError(f"{message} defines {field} as {what[1]} messages or texts, too many for the memory")
         return types
 
     def _is_number(node: tuple[Any, Any]) -> bool:

@@ -59,14 +59,15 @@ def test_passes_of_a_street_that_repeats_are_hardly_ever_tied_and_that_is_said()
     search = closed(8.0, 5.0)
     assert search.ambiguous >= 5 > len(search.loops)
     assert_right(search.loops)  # where a pass ends, so does the repetition
-    assert search.warnings == [f"several places fit: {search.ambiguous} pairs of passes were left out"]
+    assert search.warnings == [f"loops: {search.ambiguous} pairs of passes were left out, because several places fit"]
 
 
 def test_passes_that_a_trajectory_too_sure_of_itself_rules_out_are_not_tied_and_that_is_said() -> None:
     search = closed(60.0, 0.1)
     assert search.loops == [] and search.implausible >= 5
     assert search.warnings == [
-        f"the only place that fits is ruled out by the trajectory: {search.implausible} pairs of passes were left out"
+        f"loops: {search.implausible} pairs of passes were left out, because the only place that fits is ruled out by the "
+        "trajectory"
     ]
 
 
