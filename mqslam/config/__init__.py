@@ -32,8 +32,9 @@ class ReadingConfig(Section):
         None,
         gt=0.0,
         le=360.0,
-        description="Angle [degrees] that the readings of a CARMEN log's FLASER lines sweep, centred ahead. null takes the "
-        "angle in the log's parameters, else 180 degrees if there are 180, 181, 360 or 361 readings, as from SICK's lidars.",
+        description="Angle from the first to the last reading of a FLASER line in a CARMEN log, centred straight ahead "
+        "[degrees]. null takes the angle in the log's parameters, else 180 degrees if there are 180, 181, 360 or 361 "
+        "readings, as from SICK's lidars.",
     )
 
 
@@ -99,7 +100,7 @@ class DetectorConfig(Section):
         7.0,
         gt=0.0,
         description="Detection threshold in low-noise data, above the median power and in units of the noise spread "
-        "(median minus 10th percentile). It applies where it is below `threshold`.",
+        "(median minus 10th percentile). The lower of this threshold and `threshold` applies.",
     )
     most_returns: int = Field(
         1000,
@@ -135,13 +136,14 @@ class PsiConfig(Section):
     beta_t: float = Field(0.06, gt=0.0, description="Width of the temporal kernel [s].")
     tau: float = Field(0.5, gt=0.0, description="Width of the Lorentzian [m].")
     temporal: Literal["plateau", "gaussian"] = Field(
-        "plateau", description="Temporal kernel: plateau is 1 for time differences of alpha_t or more; gaussian is (8)."
+        "plateau",
+        description="Temporal kernel: plateau is 1 for time differences of alpha_t or more; gaussian is equation (8).",
     )
     numerator: Literal["tau/2", "tau"] = Field(
-        "tau/2", description="Numerator of the Lorentzian: tau/2 as in (9), or tau as in Algorithm 1."
+        "tau/2", description="Numerator of the Lorentzian: tau/2 as in equation (9), or tau as in Algorithm 1."
     )
     factor: Literal["distance", "kappa"] = Field(
-        "distance", description="Factor on the Lorentzian: distance is s_ij as in (10), kappa is kappa_ij as in Algorithm 1."
+        "distance", description="Factor on the Lorentzian: distance is s_ij of equation (10), kappa is that of Algorithm 1."
     )
     unmatched: float = Field(
         1.0,
@@ -261,7 +263,8 @@ class OdometryConfig(Section):
     sigma_travel: float = Field(
         0.05,
         ge=0.0,
-        description="Standard deviation of the travel, as a share of it. A run replaces it by a better estimate if it can.",
+        description="Standard deviation of a distance, as a share of the distance. A run that can estimate a better value "
+        "uses the estimate.",
     )
     sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
 
@@ -318,7 +321,7 @@ class AuditConfig(Section):
     )
     fewest: int = Field(300, ge=1, description="A submap with fewer returns than this is not compared.")
     matched: float = Field(
-        0.45, gt=0.0, lt=1.0, description="Least share of the later pass's returns that must lie on the earlier pass."
+        0.45, gt=0.0, lt=1.0, description="At least this share of the later pass's returns must lie on the earlier pass."
     )
     bend_m: float = Field(
         0.05, ge=0.0, description="A window whose best correction moves its points by less than this [m] is not torn."

@@ -15,8 +15,8 @@ from mqslam.core.stored import make_stored
 KEYFRAME_POINT: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("range", "<f4"), ("ray", "<f4"), ("time", "<f4"), ("intensity", "<f4")]
 )
-"""A return in the frame of its keyframe: position x, y [m], length [m] and direction [rad] of the ray that it was seen
-along, time since the keyframe's stamp [s], and received power, 0..255."""
+"""A return in the frame of its keyframe: position x, y [m], length [m] and direction [rad] of the ray from the sensor to the
+return, time since the keyframe's stamp [s], and received power, 0..255."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from mqslam.errors import OfLidarError
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
-"""Shortest and longest plausible revolution [us]: no spinning radar revolves 20 times a second, or only once in 5 s."""
+"""Shortest and longest plausible revolution [us]: a radar revolves at most 20 times a second, and at least once in 5 s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,7 +156,7 @@ _TIMES_OFF: Final = {
     _GPS_EPOCH_S: "the time from 1970 to 1980, when GPS time begins",
 }
 KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0, -1.0))
-"""All known delays of stamps [s]: each clock error above with both signs, positive where stamps are late."""
+"""All known delays of stamps [s]: the delays of `_TIMES_OFF` with both signs; positive where stamps are late."""
 
 
 def describe_offset(late_s: float) -> str:
@@ -238,7 +238,7 @@ class Georeference:
 
 
 RADAR, VEHICLE = "radar", "vehicle"
-"""The names of the two frames whose poses a run can write."""
+"""The names of the two frames of which a run can write the poses: the radar's and the vehicle's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,4 +280,4 @@ class Sensors:
 
 
 NO_SENSORS = Sensors()
-"""The radar alone."""
+"""No sensors besides the radar and odometry."""

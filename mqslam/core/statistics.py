@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MEDIAN_OF_CHI2: Final = 0.4549
-"""Median of a chi-square with one degree of freedom; a median of squares divided by it estimates the variance."""
+"""Median of a chi-square with one degree of freedom; the median of squared errors divided by it estimates the variance."""
 MEDIAN_SPREAD: Final = 2.33
 """A variance estimated from the median of n squares has a relative standard deviation of this number divided by sqrt(n)."""
 SIGMAS_PER_DEVIATION: Final = 1.4826

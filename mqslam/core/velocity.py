@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 CHIRP_BETA = 0.0502
 """Range shift per closing speed [s] of the chirps that go up.
 
-The value is that of the radar of Boreas-RT, a Navtech RAS6, the only radar whose chirps are known to alternate up and down.
+The value holds for the radar of the data set Boreas-RT, a Navtech RAS6. No other radar is known to alternate between
+chirps that go up and chirps that go down.
 
-Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
-Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
-Odometry" (Le Gentil et al., RSS 2025) calibrated it: config/doppler_config.yaml of
+Source: 0.944 * f / (bandwidth * azimuths per second) with f = 76.04 GHz, 893 MHz and 1600 / s, as calibrated by the authors
+of "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO:
+Doppler-Aware Direct Radar Odometry" (Le Gentil et al., RSS 2025): config/doppler_config.yaml of
 github.com/utiasASRL/spinning-radar-doppler.
 """
 
