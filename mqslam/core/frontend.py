@@ -106,15 +106,16 @@ class Context:
     def scale(self, factor: float) -> Self:
         """Returns the context with all lengths of the settings and the odometry multiplied by a factor.
 
-        The context must not hold measurements of other sensors, since these are not scaled.
+        The context must hold no measurements of sensors other than odometry, since these are not scaled.
         """
         odometry = None if self.odometry is None else scale_track(self.odometry, factor)
         return replace(self, config=scale_settings(self.config, factor), odometry=odometry)
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist of the odometry between two times [s], or None if the odometry does not cover them.
+        """Returns the mean twist of the odometry between two times, or None if the odometry does not cover them.
 
-        The twist (3,) is forward and left [m/s] and yaw rate [rad/s], in the sensor's frame.
+        The times are in seconds since the recording's start. The twist (3,) is forward and left [m/s] and yaw rate [rad/s],
+        in the sensor's frame.
         """
         if self.odometry is None or t1 <= t0:
             return None
@@ -124,10 +125,10 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist between two times [s] from odometry, chirps and gyroscope, or None if all are missing.
+        """Returns the mean twist by odometry, the radar's chirps and the gyroscope, or None if all of them are missing.
 
-        The twist (3,) is as in `odometry_twist`; a component that no sensor measures is NaN. The gyroscope's yaw rate and
-        the chirps' velocity replace those of the odometry, which is less accurate.
+        Times and twist are as in `odometry_twist`; a component that no sensor measures is NaN. The yaw rate of the gyroscope
+        and the velocity from the chirps replace the odometry's, which are less accurate.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()

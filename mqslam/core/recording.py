@@ -159,7 +159,7 @@ class Recording(ABC):
 
     @property
     def revolution_s(self) -> float:
-        """Duration of one revolution [s]: the median over the recording, limited to what a radar can do."""
+        """Duration of one revolution [s]: the median over the recording, but at least 0.05 s and at most 5 s."""
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def complete(self, track: Trajectory) -> Trajectory:

@@ -98,7 +98,7 @@ def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> flo
     """Returns the median of the numbers in all blocks, which must not be negative; NaN without any number.
 
     The blocks are read twice: first to count the numbers in each step (bin), then to sort the numbers in the steps
-    around the median. A step holds the numbers with the same leading bits, which increase with the number.
+    around the median. A step holds all numbers with the same leading bits, and larger numbers are in later steps.
 
     Args:
         list_blocks: returns all blocks each time it is called.

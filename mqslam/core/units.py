@@ -33,39 +33,39 @@ _NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "m
 
 
 def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
-    """Multiplies the lengths of poses (..., 3) x, y, yaw by a factor."""
+    """Returns poses (..., 3) x, y, yaw with x and y multiplied by a factor."""
     return np.asarray(pose * np.array([factor, factor, 1.0]))
 
 
 def scale_covariance(covariance: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """Multiplies the lengths of covariances (..., 3, 3) of x, y and yaw by a factor."""
+    """Returns the covariances (..., 3, 3) that poses x, y, yaw have once x and y are multiplied by a factor."""
     return se2.scale_covariance(covariance, np.array([factor * factor, factor * factor, 1.0]))
 
 
 def scale_track(track: Trajectory, factor: float) -> Trajectory:
-    """Multiplies the lengths of a trajectory by a factor."""
+    """Returns a trajectory with all lengths multiplied by a factor."""
     return Trajectory(track.stamps_us, scale_pose(track.poses, factor))
 
 
 def scale_measurement(motion: Measurement, factor: float) -> Measurement:
-    """Multiplies the lengths of a motion by a factor: in its pose, its covariance and its `apart`."""
+    """Returns a motion with the lengths in its pose, its covariance and its `apart` multiplied by a factor."""
     pose, apart = scale_pose(motion.pose, factor), scale_pose(motion.apart, factor)
     return replace(motion, pose=pose, covariance=scale_covariance(motion.covariance, factor), apart=apart)
 
 
 def scale_tie(tie: T, factor: float) -> T:
-    """Multiplies the lengths of a tie or a loop by a factor: in its pose and its covariance."""
+    """Returns a tie or a loop with the lengths in its pose and its covariance multiplied by a factor."""
     return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
 
 
 def scale_refined(refined: Refined, factor: float) -> Refined:
-    """Multiplies the lengths of the loops and ties of a refinement by a factor."""
+    """Returns a refinement with the lengths of its loops and ties multiplied by a factor."""
     loops, ties = ([scale_tie(tie, factor) for tie in some] for some in (refined.loops, refined.ties))
     return replace(refined, loops=loops, ties=ties)
 
 
 def scale_settings(config: Config, factor: float) -> Config:
-    """Multiplies by a factor all settings that are lengths or speeds; a setting that is None stays None."""
+    """Returns settings with all lengths and speeds multiplied by a factor; a setting that is None stays None."""
     changed = {}
     for name, section in config:
         values = {key: factor * value for key, value in _list_lengths(name, section).items()}
@@ -74,7 +74,7 @@ def scale_settings(config: Config, factor: float) -> Config:
 
 
 def find_unit(config: Config, usual: Config) -> float | None:
-    """Finds the unit of length that settings were fitted to: the factor by which most lengths differ from the usual ones.
+    """Finds the unit of length that settings were fitted to: the factor between most lengths and the usual lengths.
 
     Args:
         config: settings, such as those of a lidar's run.

@@ -136,8 +136,8 @@ def make_twists(
         yaw_variances: (M,) variances of these yaw rates [rad^2/s^2].
 
     Returns:
-        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3). The velocity and its
-        covariance are NaN before the first and after the last scan that measured it.
+        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3) in the same units. The
+        velocity and its covariance are NaN before the first and after the last scan that measured a velocity.
     """
     middle, spread = velocities.at(spans.mean(axis=1))
     covariances = np.zeros((len(spans), 3, 3))

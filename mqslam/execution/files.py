@@ -34,7 +34,7 @@ def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
 def write_aside(path: Path) -> Iterator[Path]:
     """Yields a temporary path beside `path`, which takes the name of `path` when the block ends without an error.
 
-    The file is flushed to the disk before it takes that name. Its permissions follow the user's umask.
+    The temporary file is written to the disk before it takes that name. The permissions of the file follow the user's umask.
 
     Raises:
         OutputError: the folder cannot be written to, or the disk is full.

@@ -133,7 +133,10 @@ def _put(aside: Path, out: Path, claim: _Claim) -> None:
 
 
 def _give_back(out: Path, lock: Lock) -> None:
-    """Moves an old result folder that a killed command has left beside `out` back; if `out` exists, only files of others."""
+    """Moves the old result folder that a killed command has left beside `out` back to `out`.
+
+    If `out` exists, only those files are moved there that mqslam did not write.
+    """
     for left in _list_left(out, lock, _REPLACED):
         if not out.exists():
             left.rename(out)
@@ -143,7 +146,7 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left behind: their lock names them after the given word."""
+    """Lists the folders beside `out` that killed commands have left behind, as the lock of `out` names them after a word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]

@@ -69,7 +69,7 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 
 
 def _pack_measured(measured: Measured) -> Arrays:
-    """Converts measurements to arrays, one per field."""
+    """Converts measurements to arrays, one per field of `Measurement`, and the Doppler shift."""
     arrays: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
     for name in _list_fields(Measurement):
         arrays[name] = np.array([getattr(motion, name) for motion in measured.measurements])

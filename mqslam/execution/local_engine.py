@@ -233,7 +233,7 @@ class WorkerProcesses:
         return self._write_bytes(pickle.dumps((paths, content))), arrays
 
     def _write_once(self, raw: memoryview) -> Path:
-        """Returns the path of the file with the bytes of an array, which is written only the first time."""
+        """Returns the path of the file with the bytes of an array; the file is written only the first time."""
         for key, (array, path) in list(self._written.items()):
             if array() is None:
                 del self._written[key]

@@ -8,7 +8,7 @@ Progress = Callable[[str, int, int], object]  # name of a stage, number of steps
 
 
 def count_items(progress: Progress, stage: str, total: int) -> Callable[[int, object], None]:
-    """Returns a function for `done` of `Engine.map`, which reports each finished item as progress of a stage."""
+    """Returns a `done` for `Engine.map` that reports each finished item as progress of a stage of `total` items."""
 
     def report(number: int, result: object) -> None:
         progress(stage, number, total)

@@ -125,7 +125,7 @@ class Runner:
             function: the function to call.
             shared: the function's first argument.
             items: the function's second arguments, one per call.
-            kept: returns how the result for an item is kept.
+            kept: returns the `Kept` that says how the result for an item is kept.
             accept: returns whether a kept result is good enough to be used again.
             steps: returns the number of steps that an item counts for in the progress.
         """

@@ -71,7 +71,7 @@ class _BoundedFile:
         self._file.close()
 
     def read(self, size: int = -1) -> bytes:
-        """Reads the next bytes, at most `size` or, if it is negative, all; raises ValueError beyond the bound."""
+        """Reads the next bytes, at most `size`, or all if `size` is negative; raises ValueError beyond the bound."""
         content: bytes = self._file.read(min(size, self._left + 1) if size >= 0 else self._left + 1)
         self._left -= len(content)
         if self._left < 0:
