@@ -190,8 +190,8 @@ class Slam:
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path.
 
-        The motions of a lidar are not corrected: it sees only a part of its surroundings, so that two stretches of a
-        corridor fit each other at any distance. The odometry between them is the better measurement.
+        The motions of a lidar are not corrected: a lidar sees only a part of its surroundings, so that two stretches of a
+        corridor fit each other at any distance. The odometry between the stretches is the better measurement.
         """
         runner = self._runner
         with runner.time_stage("windows"):

@@ -136,7 +136,7 @@ def require_type(given: object, kinds: type | UnionType, name: str, expected: st
 
 
 def to_path(given: str | os.PathLike[str], name: str) -> Path:
-    """Converts what a caller gave as a path.
+    """Returns a path that a caller gave, as a `pathlib.Path`.
 
     Args:
         given: the path, as a text or as a path of any library.
@@ -204,7 +204,7 @@ def describe_error(error: Exception) -> str:
 
 
 def find_interrupt(error: BaseException) -> BaseException | None:
-    """Finds the interrupt behind an exception: the exception itself, or an interrupt that other code turned into it.
+    """Finds the interrupt behind an exception: the exception itself, or the interrupt that caused it.
 
     Args:
         error: the exception.

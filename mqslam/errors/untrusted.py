@@ -46,7 +46,7 @@ def bound_unpacked(packed_bytes: int) -> int:
 
 
 def check_file(path: Path) -> Path:
-    """Returns the path of a file if it may be opened. Missing files and folders pass, since opening them raises an error.
+    """Returns the path of a file if it may be opened. A missing file or a folder passes: opening it raises an error.
 
     Raises:
         DataError: the path is a pipe, a socket or a device, or a link that leads out of the folder that is being read.

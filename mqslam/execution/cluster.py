@@ -99,7 +99,7 @@ def _version() -> str:  # machines with another version of mqslam look this func
 class DaskEngine:
     """The workers of a Dask cluster as an engine (`mqslam.core.engine.Engine`).
 
-    If a worker dies, another one does its tasks again.
+    If a worker dies, another worker does the tasks of the dead worker again.
 
     Args:
         client: a connection to the cluster's scheduler.

@@ -25,10 +25,10 @@ class Lock:
     Args:
         path: file of the lock.
         handle: handle of the file, which is open and locked.
-        found: content that a killed owner has left in the file; else empty.
+        found: content of the file, if the process that held the lock before was killed; else empty.
 
     Attributes:
-        notes: lines that killed owners have added by `note`.
+        notes: lines that killed processes have added by `note`.
     """
 
     def __init__(self, path: Path, handle: int, found: bytes) -> None:
