@@ -1,4 +1,4 @@
-"""Tests of a map that a user adds to an audit, each in a Python file of its own."""
+"""Loads and runs the tests of a map that a user adds to an audit, each in a Python file of its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def load_test(path: Path) -> MapTest:
     """Loads the `MapTest` with a function `judge` that a Python file defines.
 
     Raises:
-        ConfigError: the file cannot be imported, does not define exactly one such test, or names it like a test of mqslam.
+        ConfigError: the file cannot be imported or defines no or several such tests, or the test's name is taken.
     """
     if not path.is_file():
         raise ConfigError(f"test {path}: there is no such file; check the path")
@@ -32,7 +32,12 @@ def load_test(path: Path) -> MapTest:
 
 
 def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
-    """Judges a map by a test that a user has added; returns the findings.
+    """Judges a map by a test that a user has added; returns the findings of the test.
+
+    Args:
+        test: the test, which has a function `judge`.
+        sweeps: points under the trajectory to judge.
+        settings: settings of the audit.
 
     Raises:
         ConfigError: the test stops with an error, or returns something other than findings.
@@ -46,7 +51,7 @@ def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Findi
 
 
 def _explain(finding: Finding) -> Finding:
-    """Returns the finding; if it calls the map bad but names no cause, its reason becomes its explanation."""
+    """Returns a finding unchanged, or with its reason as explanation if it has the verdict `fail` and names no cause."""
     if finding.status is not VerdictStatus.FAIL or finding.cause is not None:
         return finding
     return replace(finding, cause=Cause.OWN, explanation=finding.reason)

@@ -1,4 +1,7 @@
-"""Sizes that all parts of an audit share: scans per window and per step, and the inflation that chance hardly exceeds."""
+"""Defines what all parts of an audit share: the numbers of scans of windows and steps, and the largest inflation by chance.
+
+The inflation of a window or a revisit is its squared error in units of the error's covariance.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,9 @@ from scipy.stats import chi2
 WINDOW = 6
 # Number of scans on either side of a step, and around either end of a span, that are registered on each other.
 STEP_SCANS: Final = 3
-# The usual offset of a step without a jump is estimated only from at least this many steps.
+# Fewest steps from which the usual offset of a step without a jump is estimated.
 STEP_FEWEST = 20
-# Probability of the chi-square quantile above which the inflation of a window or a revisit shows that it is torn.
+# Probability that the inflation of a good window or revisit is at most TORN_INFLATION.
 PROBABILITY: Final = 0.999
-# A window or a revisit with a larger inflation than this is off by more than chance. The inflation has three degrees of
-# freedom.
+# A window or a revisit with a larger inflation than this is off by more than chance (x, y and yaw: 3 degrees of freedom).
 TORN_INFLATION: Final = float(chi2.ppf(PROBABILITY, 3))

@@ -1,4 +1,4 @@
-"""The table of tests: what each one compares, what it tolerates, and what it cannot see.
+"""Holds the table of tests: what each test compares, what it tolerates, and what it cannot see.
 
 The verdict, its pages and the documentation take the names, the tolerances and the limits of the tests from here.
 """
@@ -20,19 +20,21 @@ _Found = TypeVar("_Found")
 
 @dataclass(frozen=True, slots=True)
 class MapTest:
-    """One test of a map.
+    """A test of a map.
 
     Args:
         name: key of the test in audit.json and summary.json.
         compares: what is compared with what.
         blind: what the test cannot see.
-        tolerance: returns the largest errors [m], [rad] that the test tolerates; None where it has no such tolerance.
-        rate: the tolerance in words, if it is not given in metres and radians; otherwise words to add to it.
-        quantities: number of p-values by which the test may call a good map bad; all of them share the rate of false alarms.
+        tolerance: returns the largest tolerated errors in position [m] and in yaw [rad] (None: no limit on the yaw); None if
+            the test has no tolerance in these units.
+        rate: the tolerance in words if `tolerance` is None; otherwise words that follow the tolerance.
+        quantities: number of p-values by which the test may call a good map bad. The rate of false alarms is divided by the
+            number of all p-values of the table.
         of_run: whether the test needs the results of a run, so that an audit cannot make it.
         is_mendable: whether mending the trajectory corrects the faults that the test finds.
-        judge: judges the points of a map under its trajectory, with the settings of the audit. Only tests that a user adds
-            have this function; it is None for the tests of this table, which share their measurements.
+        judge: judges the points of a map under its trajectory, with the settings of the audit. Only a test that a user adds
+            has this function. It is None for the tests of this table, several of which use the same registrations.
     """
 
     name: str
@@ -46,7 +48,7 @@ class MapTest:
     judge: Callable[[Sweeps, AuditConfig], Sequence[Finding]] | None = None
 
     def describe_tolerance(self, settings: AuditConfig) -> str:
-        """Returns the tolerance of the test in words."""
+        """Returns the tolerance of the test in words, in metres and degrees where it has these units."""
         if self.tolerance is None:
             return self.rate
         metres, radians = self.tolerance(settings)
@@ -68,32 +70,32 @@ DELAY_WARN_S: Final = 0.01
 
 
 def tolerate_window(settings: AuditConfig) -> tuple[float, None]:
-    """Returns the tolerated root mean square distance [m] by which the best correction moves the points of a window."""
+    """Returns the root mean square distance [m] by which a window's correction may move its points; no limit on the yaw."""
     return settings.bend_m, None
 
 
 def tolerate_step(settings: AuditConfig) -> tuple[float, None]:
-    """Returns the tolerated offset [m] between the points before and after a step."""
+    """Returns the root mean square distance [m] by which a step's offset may move points; no limit on the yaw."""
     return settings.jump_m, None
 
 
 def tolerate_span(settings: AuditConfig) -> tuple[float, None]:
-    """Returns the tolerated offset [m] between the points at the two ends of a span."""
+    """Returns the tolerated offset [m] of the end of a span relative to its begin; no limit on the yaw."""
     return _SPAN * settings.jump_m, None
 
 
 def tolerate_sum(settings: AuditConfig) -> tuple[float, float]:
-    """Returns the tolerated error [m], [rad] of the end of several successive spans relative to their begin."""
+    """Returns the tolerated errors in position [m] and yaw [rad] of the end of several successive spans."""
     return settings.torn_m, 0.5 * settings.torn_rad
 
 
 def tolerate_revisit(settings: AuditConfig) -> tuple[float, float]:
-    """Returns the tolerated offset [m], [rad] between two passes of a place."""
+    """Returns the tolerated offset in position [m] and yaw [rad] between two passes of a place."""
     return settings.torn_m, settings.torn_rad
 
 
 def tolerate_row(settings: AuditConfig) -> float:
-    """Returns the tolerated mean offset [m] of several successive revisits whose offsets agree with each other."""
+    """Returns the tolerated length [m] of the mean offset of several successive revisits whose offsets agree."""
     return _ROW * settings.torn_m
 
 
@@ -205,7 +207,10 @@ _QUANTITIES: Final = sum(test.quantities for test in TESTS)
 
 
 def apply_tolerance(settings: AuditConfig, limits: VerdictConfig) -> AuditConfig:
-    """Returns the settings of an audit with the tolerances that a user has asked for, all in the same proportion."""
+    """Returns settings in which all tolerances are scaled by one factor to make `torn_m` equal to `limits.tolerance_m`.
+
+    If `limits.tolerance_m` is None, the settings stay as they are.
+    """
     if limits.tolerance_m is None:
         return settings
     factor = limits.tolerance_m / settings.torn_m
@@ -214,10 +219,13 @@ def apply_tolerance(settings: AuditConfig, limits: VerdictConfig) -> AuditConfig
 
 
 def share_of_false_alarms(limits: VerdictConfig) -> float:
-    """Returns the probability with which each single p-value (see `MapTest.quantities`) may call a good map bad."""
+    """Returns the probability with which each p-value of the table (see `MapTest.quantities`) may call a good map bad."""
     return limits.false_alarms / _QUANTITIES
 
 
 def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
-    """Returns the findings of each test in the order of the table, tests that a user added last; leaves out empty tests."""
+    """Returns the findings by name of the test, in the order of the table, and tests of the user last.
+
+    Tests without findings are left out.
+    """
     return {name: found[name] for name in sorted(found, key=lambda name: _ORDER.get(name, len(_ORDER))) if found[name]}

@@ -1,4 +1,4 @@
-"""The verdict on a map, given by the findings of all tests; a share of faults counts with its confidence bounds."""
+"""Combines the findings of all tests into the verdict on a map; shares of faults are judged by their confidence bounds."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ CONFIDENCE: Final = 0.95
 # A map passes only if a map whose share of faults is at the limit of `fail` would have shown more faults with this
 # probability. If no window is torn, 8 windows are enough to pass.
 _POWER: Final = 0.8
-# A map with a larger share of torn windows than this is worth a look.
+# A map with a larger share of torn windows than this gets the verdict `warn`.
 WINDOWS_WARN = 0.05
-# A map with a larger share of torn windows than this is useless.
+# A map with a larger share of torn windows than this gets the verdict `fail`.
 WINDOWS_FAIL = 0.2
 
 
@@ -40,40 +40,40 @@ GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NO
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """The share of windows, revisits or scans that have a fault.
+    """The share of places (windows, spans, revisits or scans) that have a fault.
 
-    Each window, revisit or scan is taken as an independent sample of all that the sensor could have recorded there.
+    Each place counts as an independent sample, so the bounds of the share follow from the binomial distribution.
 
     Args:
-        count: number of windows, revisits or scans with the fault.
-        total: number of all of them.
+        count: number of places with the fault.
+        total: number of all places.
     """
 
     count: int
     total: int
 
     def lower_bound(self, confidence: float) -> float:
-        """Returns the lower bound of the share at a confidence (Clopper and Pearson, 1934); 0 if `count` is 0."""
+        """Returns the lower bound of the share at a confidence (0 to 1; Clopper and Pearson, 1934); 0 without any fault."""
         if self.count == 0:
             return 0.0
         return float(betaincinv(self.count, self.total - self.count + 1, 1.0 - confidence))
 
     def upper_bound(self, confidence: float) -> float:
-        """Returns the upper bound of the share at a confidence (Clopper and Pearson, 1934); 1 if all are faulty."""
+        """Returns the upper bound of the share at a confidence (0 to 1; Clopper and Pearson, 1934); 1 if all are faulty."""
         if self.count == self.total:
             return 1.0
         return float(betaincinv(self.count + 1, self.total - self.count, confidence))
 
     def is_above(self, bound: float) -> bool:
-        """Returns whether there is evidence that the share is above a bound."""
+        """Returns whether the share is above a bound with the confidence `CONFIDENCE`."""
         return self.lower_bound(CONFIDENCE) > bound + _ROUNDING
 
     def is_below(self, bound: float) -> bool:
-        """Returns whether there is evidence that the share is not above a bound."""
+        """Returns whether the share is at most a bound with the confidence `_POWER`."""
         return self.upper_bound(_POWER) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float) -> VerdictStatus:
-        """Returns the verdict that the share alone gives: `not judged` if it may be above or below the limit of `fail`."""
+        """Returns `fail` or `warn` if the share is above that limit, `pass` if it is below `fail`, else `not judged`."""
         if self.is_above(fail):
             return VerdictStatus.FAIL
         if self.is_above(warn):
@@ -81,13 +81,13 @@ class Share:
         return VerdictStatus.PASS if self.is_below(fail) else VerdictStatus.NOT_JUDGED
 
     def describe_range(self) -> str:
-        """Returns the range in which the share lies, in words."""
+        """Returns the range from the lower to the upper bound of the share in words, in per cent."""
         low, high = (100.0 * bound(CONFIDENCE) for bound in (self.lower_bound, self.upper_bound))
         return f"anything from {low:.0f} to {high:.0f} %"
 
 
 class Cause(IntEnum):
-    """What may be wrong with a trajectory or a recording. Each cause also explains the findings of the causes after it."""
+    """What may be wrong with a trajectory or a recording. A cause before JUMP also explains the faults of later causes."""
 
     NO_POSES = auto()
     FRAME = auto()
@@ -105,7 +105,7 @@ class Cause(IntEnum):
     PASSES = auto()
     JUMPS = auto()
     PART = auto()
-    OWN = auto()  # found by a test that a user added; it explains no other finding
+    OWN = auto()  # any fault that a test of the user finds
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,10 +115,10 @@ class Finding:
     Args:
         status: the verdict that the test alone would give.
         reason: what was found, how much and where.
-        judged: whether the test could judge anything; if not, it counts as passed.
-        p_value: probability that a good map shows a fault as large as this anywhere; None where the test gives none.
-        cause: the cause that would explain the finding; None where no cause is known.
-        explanation: the cause in words, and how to mend it.
+        judged: whether the test could judge anything; a test that could not counts as passed.
+        p_value: probability that a good map shows a fault this large anywhere; None if the test computes no p-value.
+        cause: the cause that would explain the finding; None if no cause is known.
+        explanation: the cause in words, and how to correct it; empty without a cause.
     """
 
     status: VerdictStatus
@@ -133,10 +133,10 @@ class Verdict(NamedTuple):
     """The verdict on a map.
 
     Args:
-        status: the gravest of all findings.
-        diagnosis: what is most likely wrong and how to mend it; for a map that passes, how many tests found no fault.
-        reasons: the reasons of the findings, the gravest first; for a map that does not pass, the
-            reasons of findings with the verdict `pass` are left out.
+        status: the gravest verdict of all findings.
+        diagnosis: what is most likely wrong and how to correct it; for a map that passes, how many tests found no fault.
+        reasons: the reasons of the findings, the gravest first; for a map that does not pass, without the reasons of
+            findings that pass.
     """
 
     status: VerdictStatus
@@ -147,8 +147,7 @@ class Verdict(NamedTuple):
 def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
     """Returns the verdict that the findings of all tests give together.
 
-    Evidence of a fault counts more than lack of evidence: if the windows cannot judge a map but its run lost track, the
-    verdict is `warn`.
+    A fault counts more than missing evidence: if the windows are `not judged` but the run lost track, the verdict is `warn`.
 
     Args:
         tests: the findings of each test, by its name.
@@ -170,7 +169,7 @@ def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
     failed = [finding for finding in explained if finding.status is VerdictStatus.FAIL]
     if failed and all(finding.cause is Cause.OWN for finding in failed):
         first = failed[0]
-    # Where the trajectory is surely mirrored or foreign, no other stamps, mount or scale mend anything.
+    # If the trajectory is mirrored or of another recording, other stamps, another mount or another scale do not help.
     if first is not None and first.status is VerdictStatus.FAIL and _rank_cause(first) < (Cause.STAMPS,):
         held = [finding for finding in held if not _is_correction(finding)]
     return Verdict(status, held[0].reason if first is None else first.explanation, [finding.reason for finding in held])
@@ -182,9 +181,9 @@ def _is_correction(finding: Finding) -> bool:
 
 
 def _rank_cause(finding: Finding) -> tuple[int, int, int]:
-    """Returns the rank of a finding that has a cause; the finding of the lowest rank explains the other findings.
+    """Returns the rank of a finding that has a cause; the finding with the lowest rank becomes the diagnosis.
 
-    Jumps, bends and drift do not explain one another, so the gravest finding among them comes first.
+    Causes from JUMP on do not explain one another, so the gravest finding with such a cause comes first.
     """
     assert finding.cause is not None
     return min(finding.cause, Cause.JUMP), GRAVEST_FIRST.index(finding.status), finding.cause
