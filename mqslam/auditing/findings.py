@@ -1,4 +1,4 @@
-"""Converts the results of the tests of a map into findings; each finding has a verdict and gives its reason in words."""
+"""Converts the measurements of the tests of a map into findings, each with a verdict and its reason in words."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ from mqslam.core.statistics import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, describe_times, is_or_are, join_words, left_or_right
 from mqslam.errors import Remedy
 
-# A map with a larger share of torn revisits than this is worth a look; a few torn revisits may join places that only look
-# alike.
+# A map with a larger share of torn revisits than this gets the verdict `warn`. A few torn revisits may pair two places that
+# only look alike.
 _REVISITS_WARN = 0.02
-# A larger share of torn revisits than this shows that the whole map drifts.
+# A map with a larger share of torn revisits than this gets the verdict `fail`: it drifts as a whole.
 _REVISITS_FAIL = 0.1
-# At least this many successive revisits must agree on an offset to show that one pass lies beside the other.
+# Fewest successive revisits that must agree on an offset to show that one pass lies beside the other.
 _ROW = 3
-# A reason names at most this many further places one by one, so that it stays readable.
+# A reason names at most this many further places one by one, so that the reason stays readable.
 _NAMED: Final = 3
-# The scans of a window in which a smaller share of points than this is seen twice do not overlap: psi cannot judge them.
+# If fewer of a window's points than this share are seen twice, its scans do not overlap and psi cannot judge the window.
 LEAST_MATCHED = 0.15
-# A map with a larger share than this of windows whose scans do not overlap is useless as a whole.
+# A map gets the verdict `fail` if the scans do not overlap in more than this share of its windows.
 _APART_FAIL = 0.5
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool = False) -> list[Finding]:
-    """Returns the findings that the windows of a map give, in a run as in an audit.
+    """Judges a map by its windows; returns a finding on torn windows, and findings on windows whose scans do not overlap.
 
     Args:
-        windows: the windows that were checked.
+        windows: the windows that were judged, decided or not.
         scans: number of scans of the map.
-        is_of_run: whether a run made the trajectory, so that its poses are of this recording.
+        is_of_run: whether a run made the trajectory, so that the trajectory surely belongs to this recording.
     """
     if not windows:
         reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"
@@ -97,12 +97,12 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool
 def judge_steps(
     steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig
 ) -> Finding:
-    """Returns the finding that the steps of a map give.
+    """Judges a map by its steps: whether the trajectory jumps, or whether a few scans alone are displaced.
 
     Args:
         steps: all steps that were registered.
-        jumps: those of the steps at which the map jumps.
-        settings: settings of the audit, which say how large a jump matters.
+        jumps: the steps at which the map jumps, as `find_torn_steps` returns them.
+        settings: settings of the audit, with the tolerances of jumps.
         limits: settings of the verdict.
     """
     p_value = find_smallest(step.p_value for step in steps if step.judged)
@@ -133,7 +133,7 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns times [s] in words, after the words `said`, to append to a sentence; an empty text if there are no times."""
+    """Returns a comma, the words `said` and the times [s], to append to a sentence; an empty text if there are no times."""
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -141,7 +141,7 @@ def _list_places(said: str, times: Sequence[float]) -> str:
 
 
 def _describe_jump(step: StepAudit) -> str:
-    """Returns the size of a jump in words; if mainly a rotation moves the points, the text names the rotation, too."""
+    """Returns the size of a jump in words; if the points move mainly by a rotation, the text states its angle, too."""
     offset, size_m = step.registration.offset, step.registration.size_m
     moved_m = float(np.hypot(offset[0], offset[1]))
     if moved_m > 0.5 * size_m:
@@ -151,13 +151,13 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off, by more than twice the tolerance of a lasting jump."""
+    """Returns whether only a few scans at a step are off, by more than twice the tolerance of a jump and than chance."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether the two sides of a step fit better with the offset corrected, by more than chance explains."""
+    """Returns whether the two sides of a step fit at one offset only, and better there by more than chance explains."""
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
     )
@@ -166,20 +166,20 @@ def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
     """Returns the steps at which a map jumps, one per jump: the step whose two sides fit best with the offset corrected.
 
-    The two sides of a step must fit better with the offset corrected than as the trajectory has them, and they must not fit
-    elsewhere about as well: scans that share little, such as those of a lidar that turns on the spot, fit at many places by
-    chance. A jump that is too small to tear the map must last, since a few scans that are off alone are a bump. Where the
-    poses are too sparse for the rotation of the vehicle, a jump must last, too.
+    At a jump, the two sides of the step fit better with the offset corrected than by the trajectory, and fit nowhere else
+    about as well. Scans with few points in common, such as those of a lidar that turns on the spot, fit at many places. A
+    jump below `settings.torn_m` must also last: otherwise only a few scans are displaced. Where the poses are too sparse for
+    the vehicle's turns, a jump of any size must last.
 
     Args:
-        steps: the judged steps in the order of time.
+        steps: the steps in the order of time.
         settings: settings of the audit.
         limits: settings of the verdict.
     """
 
     def is_off(step: StepAudit) -> bool:
         registration = step.registration
-        if registration.doubt_m > settings.jump_m:  # an error of interpolation ends at the next pose
+        if registration.doubt_m > settings.jump_m:  # an error of interpolation does not last: it ends at the next pose
             is_large = step.lasts and registration.size_m > registration.doubt_m
         else:
             is_large = registration.size_m > (settings.jump_m if step.lasts else settings.torn_m)
@@ -203,17 +203,17 @@ def judge_pooled(
     *,
     is_of_run: bool = False,
 ) -> Finding:
-    """Returns the finding on errors of the whole map that no single place shows: scale, mount, drift of yaw and stamps.
+    """Judges errors of the whole map that no single place shows: wrong scale, mount or stamps, and drift of the yaw.
 
     A wrong scale of the trajectory and a wrong scale of the ranges look alike: the map only shows that the two disagree.
 
     Args:
-        pooled: errors of the whole trajectory by all spans together; None where there are too few spans.
+        pooled: errors of the whole trajectory, estimated from all spans; None if there are too few spans.
         limits: settings of the verdict.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
-            the user cannot choose them.
-        time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
-        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
+        extrinsics: (3,) pose x, y [m], yaw [rad] of the sensor in the frame whose motion the given trajectory describes,
+            such as the vehicle; None if the user cannot choose it.
+        time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
+        is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
     """
     if pooled is None:
         reason = (
@@ -250,7 +250,7 @@ def judge_pooled(
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
-    """Returns the lever arm that shows in turns of the vehicle; None if the arm is within the tolerance or may be chance."""
+    """Returns the lever arm that turns of the vehicle show; None if it is unknown, tolerated or explained by chance."""
     lever = pooled.lever
     if lever is None:
         return None
@@ -259,14 +259,14 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
 
 
 def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
-    """Returns the delay of the stamps that a map shows; None if the delay is within the tolerance or may be chance."""
+    """Returns the delay of the trajectory's stamps that a map shows; None if it is tolerated or explained by chance."""
     delay = pooled.delay
     found = abs(delay.seconds) > DELAY_WARN_S and delay.p_value < share_of_false_alarms(limits)
     return delay if found else None
 
 
 def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> str:
-    """Returns the extrinsics that would mend a wrong mount, as text: x [m], y [m] and yaw [degrees]."""
+    """Returns given extrinsics (3,) [m, m, rad], corrected by a turn [rad] and a lever arm, as text: x, y [m], yaw [deg]."""
     if lever is None:
         return f"{given[0]:zg},{given[1]:zg},{np.degrees(given[2] + turned):z.2f}"
     x, y, yaw = se2.compose(given, [*lever.arm, turned])
@@ -274,14 +274,14 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
-    """Returns the axes (forward 0, left 1, yaw 2) along which the common error of all steps exceeds the limits."""
+    """Returns the axes (0 forward, 1 left, 2 yaw) along which the bias is neither tolerated nor explained by chance."""
     largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
     return np.flatnonzero(found).tolist()
 
 
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns the common error (3,) of the trajectory's steps, with 0 along the axes where it is within the limits."""
+    """Returns the bias (3,) of a trajectory as in `Pooled`, with 0 along the axes that `find_biases` does not name."""
     return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
 
 
@@ -320,16 +320,16 @@ def _describe_delay(delay: Delay, *, is_of_run: bool) -> str:
     return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
 
 
-_DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  # of the axes forward, left and yaw
+_DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  # for the axes forward, left and yaw
 _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
 def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns the finding that single spans of a map give; the limit on the share of torn windows also holds here.
+    """Judges a map by its spans; the verdict is `fail` if the share of torn spans is above `WINDOWS_FAIL`.
 
     Args:
         spans: spans of the map.
-        settings: settings of the audit, which say what is tolerated.
+        settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
     """
     tolerated_m, _ = tolerate_span(settings)
@@ -360,7 +360,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
 
 
 def _describe_span(span: SpanAudit) -> str:
-    """Returns by how much and where a span is off, in words."""
+    """Returns in words by how much and at what time a span is off."""
     where = describe_times(span.t0, span.t1)
     if span.distance_m < np.sqrt(0.5) * span.size_m:
         turn = f"{np.degrees(abs(span.offset[2])):.1f} deg to the {left_or_right(-span.offset[2])}"
@@ -371,12 +371,12 @@ def _describe_span(span: SpanAudit) -> str:
 
 
 def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns the finding that sums of spans give; the limit on torn windows also holds for the bent share of the path.
+    """Judges a map by sums of spans; the verdict is `fail` if the bent share of the path is above `WINDOWS_FAIL`.
 
     Args:
         sums: sums of successive spans.
         path_m: length of the path [m].
-        settings: settings of the audit, which say what is tolerated.
+        settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
     """
     if not sums:
@@ -404,7 +404,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, l
 
 
 def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
-    """Returns by how much and where a long stretch is off, in words."""
+    """Returns in words by how much and when a sum of spans is off; names a turn if it exceeds `tolerated_rad` [rad]."""
     where = f"over {one.path_m:.0f} m {describe_times(one.t0, one.t1)}"
     if abs(one.offset[2]) > tolerated_rad:
         turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
@@ -414,7 +414,7 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
-    """Returns the finding on a cloud without a trajectory: its windows may be crisp, but nothing global can be judged."""
+    """Returns the finding that drift and revisits of a cloud without a trajectory cannot be judged, even if it is crisp."""
     reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
     torn = share_torn(windows)
     if torn.total and not torn.count:
@@ -425,16 +425,14 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
 def judge_revisits(
     revisits: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig, path_m: float | None = None
 ) -> Finding:
-    """Returns the finding that the revisits of a map give.
-
-    A map without sure revisits passes, since many drives come back to no place.
+    """Judges a map by its revisits. A map without sure revisits passes, since many drives come back to no place.
 
     Args:
         revisits: revisits of the map in the order of time.
-        settings: settings of the audit, which say what is tolerated.
+        settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
-        path_m: length of the path [m] if all its sums of spans are within the tolerance; None if a sum is not, or if there
-            are no sums.
+        path_m: length of the path [m] if sums of spans were measured and none is torn, which limits the drift that could
+            hide; otherwise None.
     """
     sure = [r for r in revisits if r.sure]
     if not sure:
@@ -479,9 +477,10 @@ def judge_revisits(
 
 
 def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest row of revisits that are all off by a similar offset, larger than chance explains; may be empty.
+    """Returns the longest row of successive revisits that agree on an offset; an empty list if no revisits agree.
 
-    The offset may change slowly along a row, so only revisits that directly follow each other need to agree.
+    `_ROW` successive revisits agree if each is off by more than chance explains, and the mean of their offsets is larger
+    than its tolerance. The offset may change slowly along a longer row.
     """
     rare = [bool(one.p_value < share_of_false_alarms(limits)) for one in sure]
     agree = [
@@ -494,12 +493,12 @@ def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limi
 
 
 def _measure_mean(row: Sequence[RevisitAudit]) -> float:
-    """Returns the norm [m] of the mean of the offsets of revisits, each in the world's directions."""
+    """Returns the length [m] of the mean offset of revisits, with each offset turned into the map's frame."""
     return float(np.hypot(*np.mean([one.moved for one in row], axis=0)))
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns why no revisit shows the map's drift, and how much drift could hide."""
+    """Returns in words why no revisit shows the map's drift and how much drift could hide; `judge_revisits` has `path_m`."""
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"

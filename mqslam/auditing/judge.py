@@ -1,4 +1,4 @@
-"""The audit of a map: judges its windows, steps, spans and revisits, and combines the findings into a verdict."""
+"""Audits a map: judges its windows, steps, spans and revisits, and combines the findings into a verdict."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
-# Number of windows, evenly spread, that a run judges of its own map; an audit judges all.
+# Largest number of windows that a run judges in its own map, evenly spread. An audit judges all windows.
 _SAMPLED_WINDOWS = 100
 
 
-Optimum: TypeAlias = tuple[PoseGraph, gtsam.Values]
+Optimum: TypeAlias = tuple[PoseGraph, gtsam.Values]  # a pose graph and its optimised values
 
 
 @dataclass(frozen=True)
@@ -72,16 +72,16 @@ class Audit:
     """The judgement of a map.
 
     Args:
-        windows: its windows in the order of time.
-        steps: its steps in the order of time.
-        jumps: those of its steps at which the map jumps.
-        spans: its spans in the order of time; none for a cloud without a trajectory.
-        sums: its spans added up over longer stretches, in the order of time.
-        pooled: errors of the whole trajectory by all spans together; None for too few spans or without a trajectory.
-        revisits: places that the trajectory comes back to; none for a cloud without a trajectory.
-        tests: the findings of each test, by its name.
+        windows: windows of the map in the order of time.
+        steps: steps of the map in the order of time.
+        jumps: the steps at which the map jumps.
+        spans: spans of the map in the order of time; empty for a cloud without a trajectory, as are `sums` and `revisits`.
+        sums: sums of successive spans, in the order of the time at which they begin.
+        pooled: errors of the whole trajectory, estimated from all spans; None for too few spans or without a trajectory.
+        revisits: places that the trajectory comes back to.
+        tests: the findings of each test, by the name of the test.
         verdict: the verdict that all findings give together.
-        capture: the largest errors of a trajectory that its windows can measure.
+        capture: the largest errors of a trajectory that windows and speed checks can find.
         own: the tests that the user added.
     """
 
@@ -98,27 +98,26 @@ class Audit:
     own: Sequence[MapTest] = ()
 
     def compute_psi_over_best(self) -> float | None:
-        """Returns the windows' psi over the lowest psi of the same returns; None where no window was decided."""
+        """Returns psi of the decided windows divided by the lowest psi of the same returns; None without such a window."""
         decided = [window.bend for window in self.windows if window.undecided is None]
         return _divide(sum(bend.psi for bend in decided), sum(bend.psi_best for bend in decided))
 
     def compute_psi_over_best_of_passes(self) -> float | None:
-        """Returns the psi across passes over the lowest psi of the same returns; None without a sure revisit."""
+        """Returns psi across passes divided by the lowest psi of the same returns; None without a sure revisit."""
         sure = [one for one in self.revisits if one.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 
 
 class Known(NamedTuple):
-    """Other information about a trajectory than its poses.
+    """What is known about a trajectory besides its poses.
 
     Args:
-        stated: covariances that the trajectory itself states, looked up by the numbers of sweeps; None where it states no
-            covariances.
-        place: returns the points under other poses, so that other readings of the trajectory can be tried; if None, no other
-            reading is tried.
+        stated: covariances of one pose relative to another that the trajectory itself states, by the numbers of their
+            sweeps; None if it states none.
+        place: returns the points under other poses, to test whether the trajectory is mirrored; None omits this test.
         sensors: findings of other sensors about the trajectory.
         own: further tests of the map, which the user added.
-        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
+        is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
     """
 
     stated: RelativeCovariances | None = None
@@ -133,7 +132,7 @@ UNKNOWN: Final = Known()
 
 
 def _divide(psi: float, best: float) -> float | None:
-    """Returns psi over the best psi, at least 1 since a search may miss the best slightly; None where the best is zero."""
+    """Returns psi divided by the best psi, at least 1 since a search may slightly miss the best; None if `best` is zero."""
     return max(psi / best, 1.0) if best > 0.0 else None
 
 
@@ -156,8 +155,8 @@ def audit(
         limits: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as parts of the map are done.
-        sampled: how many windows at most are judged, evenly spread; None judges all windows.
-        known: other information about the trajectory than its poses.
+        sampled: largest number of windows to judge, evenly spread; None judges all windows.
+        known: what is known about the trajectory besides its poses.
     """
     settings = apply_tolerance(settings, limits)
     shared = sweeps, settings, estimator
@@ -221,12 +220,12 @@ def audit_trajectory(
         config: all settings.
         beam: the sensor's errors.
         runner: where the map is judged; the result does not depend on it.
-        optimum: the graph that the trajectory optimises and its values, from which the covariances of the trajectory
-            follow; None where they cannot be computed.
-        gyroscope: gyroscope with whose turns the trajectory's are compared, or None.
+        optimum: the optimised pose graph of the trajectory and its values, which give the trajectory's covariances; None
+            if these cannot be computed.
+        gyroscope: gyroscope whose turns are compared with the trajectory's turns, or None.
 
     Raises:
-        EstimationError: there are no returns.
+        EstimationError: the trajectory covers fewer than two scans, or these hold no returns.
     """
     sensors = [] if gyroscope is None else [judge_gyroscope(check_gyroscope(gyroscope, scans, trajectory))]
     sweeps, inside = place_sweeps(scans, trajectory, beam)
@@ -239,14 +238,14 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) of the spans' offsets that errors of the whole trajectory explain."""
+    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that the errors in `pooled` explain; zeros if it is None."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
 def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
-    """Returns findings about the trajectory itself, and about poses that are too sparse to be judged."""
+    """Returns findings on gaps, jumps and missing poses of the trajectory; none for a cloud without a trajectory."""
     if sweeps.track is None:
         return []
     own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
@@ -261,7 +260,7 @@ def _judge_frame(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> list[Finding]:
-    """Returns findings on the frame of a finished cloud's trajectory, and on other readings of it if `place` is given."""
+    """Judges whether a trajectory is in the frame of its finished cloud and, if `place` is given, whether it is mirrored."""
     findings = [judge_frame(sweeps)] if sweeps.is_finished else []
     if place is not None:
         findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))
@@ -269,7 +268,7 @@ def _judge_frame(
 
 
 def _mark_interpolated(sweeps: Sweeps) -> NDArray[np.bool_]:
-    """Marks the sweeps (S,) that lie in a gap of the trajectory."""
+    """Returns which of S sweeps lie in a gap of the trajectory; without a trajectory no sweep does."""
     if sweeps.track is None:
         return np.zeros(len(sweeps), dtype=np.bool_)
     return mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s)
@@ -283,8 +282,8 @@ def _decide(
 ) -> list[WindowAudit]:
     """Returns the windows with their speed checks, each marked as torn, whole or undecided.
 
-    A window whose speed the scans contradict is torn, whatever its inflation. A window is undecided if most of its scans lie
-    in a gap of the trajectory, or if almost nothing is seen twice in it.
+    A window is undecided if most of its scans lie in a gap of the trajectory. Any other window is torn if the scans
+    contradict its speed, whatever its inflation, and else undecided if almost no point is seen twice.
     """
     decided = []
     for window, speed in zip(windows, speeds, strict=True):
