@@ -1,4 +1,4 @@
-"""Registers one stretch of a map on another by psi, and compares the result with the trajectory."""
+"""Registers one stretch of a map (some of its sweeps) on another by psi, and compares the result with the trajectory."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mqslam.psi.score import make_references
 Shared: TypeAlias = tuple[Sweeps, AuditConfig, EstimatorConfig]
 """Points under the trajectory to judge, settings of the audit and settings of the score."""
 
-# Largest error of a trajectory's speed [m/s] that is searched for between two successive scans: more than any vehicle
-# drives, so that a trajectory that wrongly stands still is found, too.
+# Largest error of a trajectory's speed [m/s] that is searched for between two successive scans. Vehicles drive more slowly,
+# so the search also finds a trajectory that wrongly stands still.
 SPEED_ERROR_MPS = 50.0
 # The speed is not checked between two successive scans if either of them has fewer points than this.
 _SPEED_FEWEST = 40
@@ -27,24 +27,25 @@ _SPEED_FEWEST = 40
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """The registration of a later stretch of sweeps on an earlier one.
+    """The registration of a later stretch of sweeps on an earlier stretch.
 
     Args:
-        earlier, later: the sweeps in whose frames the two stretches are given.
-        between: (3,) pose of the later sweep in the frame of the earlier one, as the trajectory has it [m, m, rad].
+        earlier, later: numbers of the two sweeps in whose frames the two stretches are given.
+        between: (3,) pose of the later sweep in the frame of the earlier sweep by the trajectory [m, m, rad].
         path_m: length of the path between the two sweeps [m].
-        offset: (3,) correction of the later stretch that psi finds: the pose at which it fits best, relative to the pose
-            that the trajectory gives it, in the frame of the later sweep [m, m, rad].
-        covariance: (3, 3) covariance of `offset`, which the curvature of psi gives.
-        centre, spread_m: mean (2,) of the points of the later stretch, in the frame of the later sweep, and root mean square
-            of their distances from it [m].
-        matched: share of the points of the later stretch that lie on the earlier one.
+        offset: (3,) correction of the later stretch: its best pose by psi relative to its pose by the trajectory, in the
+            frame of the later sweep [m, m, rad].
+        covariance: (3, 3) covariance of `offset` from the curvature of psi.
+        centre: (2,) mean of the points of the later stretch, in the frame of the later sweep [m].
+        spread_m: root mean square distance of these points from `centre` [m].
+        matched: share of the points of the later stretch that lie on the earlier stretch.
         psi, psi_best: score per point without and with the offset corrected.
-        observed: whether the two stretches constrain every direction.
+        observed: whether the two stretches constrain the offset in every direction.
         unrivalled: whether `observed` holds, the two stretches match well enough, and they fit nowhere else as well.
         doubt_m: largest error of the offset that interpolation between given poses can cause [m].
-        rivals: (R, 3) other offsets [m, m, rad] at which the stretches fit about as well; empty if none were asked for.
-        repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. May be empty.
+        rivals: (R, 3) other offsets [m, m, rad] at which the stretches fit about as well; empty if not asked for.
+        repeats: (L, 3) measurements of the offset [m, m, rad], the first with these stretches and the others with sweeps
+            next to them; `offset` is their median. Empty if the offset was measured only once.
     """
 
     earlier: int
@@ -66,11 +67,11 @@ class Registration:
 
     @property
     def size_m(self) -> float:
-        """Root mean square of how far the offset moves the points of the later stretch [m]."""
+        """Root mean square distance by which the offset moves the points of the later stretch [m]."""
         return self.move_points(self.offset)
 
     def move_points(self, offset: se2.Array) -> float:
-        """Returns the root mean square of how far an offset (3,) moves the points of the later stretch [m]."""
+        """Returns the root mean square distance [m] by which an offset (3,) moves the points of the later stretch."""
         moved = se2.transform(offset, self.centre[None])[0] - self.centre
         return float(np.hypot(np.hypot(*moved), 2.0 * np.sin(0.5 * offset[2]) * self.spread_m))
 
@@ -86,10 +87,10 @@ def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
-    """Returns the time [s] from a sweep to the next one."""
+    """Returns the time [s] from the sweep `begin` to the next sweep."""
     return max(
         float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
-        float(sweeps.times[begin + 1] - sweeps.times[begin]),  # across a pause of the recording
+        float(sweeps.times[begin + 1] - sweeps.times[begin]),  # larger across a pause of the recording
     )
 
 
@@ -99,22 +100,22 @@ def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, floa
 
 
 def fits_far_better(registration: Registration) -> bool:
-    """Returns whether two stretches fit clearly better where a wide search puts them than where the trajectory has them."""
+    """Returns whether two stretches fit clearly better with the offset corrected than by the trajectory or anywhere else."""
     return registration.unrivalled and registration.psi_best * RIVAL <= registration.psi
 
 
 def is_of_beams(
     registration: Registration, stretches: tuple[Sequence[int], Sequence[int]], sweeps: Sweeps, estimator: EstimatorConfig
 ) -> bool:
-    """Returns whether it may be the pattern of a lidar's beams alone that fits better with the offset corrected.
+    """Returns whether only the pattern of a lidar's beams may fit better with the offset corrected; False for a radar.
 
     The beams of a lidar hit a bare wall at the same places of a scan wherever the lidar stands along the wall. Two scans of
-    it fit best as if the lidar had not moved. The middles between the points of neighbouring beams have no such pattern:
-    they fit better only if the surfaces do.
+    the wall therefore fit best as if the lidar had not moved. The middles between the points of neighbouring beams have no
+    such pattern: they fit better only if the surfaces fit better.
 
     Args:
-        registration: registration of a later stretch on an earlier one.
-        stretches: the sweeps of the earlier stretch, and of the later one.
+        registration: registration of a later stretch on an earlier stretch.
+        stretches: numbers of the sweeps of the earlier stretch, and of the later stretch.
         sweeps: points under the trajectory to judge.
         estimator: settings of the score.
     """
@@ -139,17 +140,17 @@ def register(
     estimator: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Registration | None:
-    """Registers one stretch on another; returns None where either holds too few points.
+    """Registers one stretch on another; returns None if either stretch holds too few points.
 
     Args:
         sweeps: points under the trajectory to judge.
-        frames: the earlier and the later sweep, in whose frames the two stretches are given.
-        stretches: the sweeps of the earlier stretch, and of the later one.
+        frames: numbers of the earlier and the later sweep in whose frames the two stretches are given.
+        stretches: numbers of the sweeps of the earlier stretch, and of the later stretch.
         reach: how far the later stretch may be off in position [m] and in yaw [rad].
         settings: settings of the audit.
         estimator: settings of the score.
-        rival_sigmas: an offset is a rival unless the stretches fit worse there by this many standard deviations of chance;
-            None where rivals need not be known.
+        rival_sigmas: another offset is a rival unless its score is worse than the best score by this many standard
+            deviations of the difference; None if rivals need not be known.
     """
     a, b = frames
     reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(stretches, frames, strict=True))

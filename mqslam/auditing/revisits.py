@@ -1,7 +1,7 @@
-"""Revisits: places that a trajectory comes back to, and how far psi shows the two passes of each place to be off.
+"""Judges revisits, the places that a trajectory comes back to: psi shows how far the two passes of a place are off.
 
-A later pass is off the earlier one by the same rigid motion for a while. Each measured offset can therefore be carried to
-the place of the next one and compared with it there.
+For a while, the later pass is off the earlier pass by the same rigid motion. The offset of one revisit can therefore be
+converted to the frame of the next revisit and compared with the offset there.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress, count_items
 from mqslam.psi.correlate import compute_same_m
 
-_LEAST: Final = 3  # by definition: fewest offsets of a row, since two may agree by coincidence
+_LEAST: Final = 3  # by definition: fewest offsets of a row, since two offsets may agree by coincidence
 
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Offsets of later passes from where a trajectory has them, in the order of time.
+    """The best poses by psi of later passes relative to their poses by a trajectory, in the order of time.
 
     Args:
         offsets: (N, 3) offsets in the frame of the later pose [m, m, rad].
         covariances: (N, 3, 3) covariances of the offsets.
-        poses: (N, 3) later poses, world frame.
-        places: (N, 2) length of the path up to the earlier and to the later pose [m].
+        poses: (N, 3) later poses x, y [m], yaw [rad] by the trajectory, in the map's frame.
+        places: (N, 2) length of the path up to the earlier pose and up to the later pose [m].
     """
 
     offsets: NDArray[np.float64]
@@ -63,13 +63,13 @@ class Offsets:
         return se2.adjoint(se2.between(self.poses[k], self.poses[i]))
 
     def differ(self, i: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns offset k minus offset i in the frame of the k-th later pose (3,), and its covariance (3, 3)."""
+        """Returns offset k minus offset i (3,) in the frame of the k-th later pose, and the covariance (3, 3)."""
         lever = self.carry(i, k)
         off = self.offsets[k] - lever @ self.offsets[i]
         return off, self.covariances[k] + lever @ self.covariances[i] @ lever.T
 
     def pair(self, least_m: float, most_m: float) -> list[tuple[int, int]]:
-        """Returns pairs (i, k) of offsets that are `least_m` to `most_m` [m] of path apart on both passes."""
+        """Returns the pairs (i, k), i < k, of offsets that are `least_m` to `most_m` [m] of path apart on both passes."""
         pairs = []
         for i, place in enumerate(self.places):
             apart = np.abs(self.places[i + 1 :] - place)
@@ -79,9 +79,9 @@ class Offsets:
 
 
 def compare_neighbours(given: Offsets, least_m: float, most_m: float) -> NDArray[np.float64]:
-    """Returns the squares (K, 3) of differences between neighbouring offsets per axis, in units of their variances.
+    """Returns the squared differences (K, 3) of K pairs of neighbouring offsets, divided by their variances on each axis.
 
-    A drift that neighbours have in common cancels out.
+    A drift that two neighbours have in common cancels out.
 
     Args:
         given: the offsets.
@@ -102,20 +102,20 @@ def find_agreeing(
     same_m: float,
     probability: float,
 ) -> NDArray[np.bool_]:
-    """Finds rows of successive offsets that agree with each other, and hardly do so by chance.
+    """Finds rows of successive offsets that agree with each other more closely than chance explains.
 
-    If the passes could also agree on another offset, as in streets that repeat, nothing tells which one is right, and the
-    row ends there.
+    Where the passes could also agree on another offset, as in streets that repeat, nothing shows which offset is right, and
+    the row ends.
 
     Args:
-        given: the offsets.
-        usable: (N,) which offsets constrain every direction; any other offset ends a row.
-        rivals: for each offset, (R, 3) other offsets at which its passes fit about as well.
+        given: N offsets.
+        usable: (N,) which offsets are measured in every direction; any other offset ends a row.
+        rivals: for each offset, (R, 3) other offsets [m, m, rad] at which its passes fit about as well.
         searched_m: (N,) how far around the trajectory's own pose each offset was searched for [m].
         most_m: longest path between two successive offsets of a row [m].
-        same_m: distance at which two offsets count as one [m].
-        probability: a row counts if its chance of agreeing by accident is below 1 minus this; also the probability of the
-            chi-square quantile up to which two offsets agree.
+        same_m: two offsets that are at most this far apart count as one [m].
+        probability: two offsets agree up to the chi-square quantile of this probability, and a row counts if the probability
+            that it agrees by chance is below 1 minus this probability.
 
     Returns:
         (N,) which offsets belong to such a row.
@@ -145,7 +145,10 @@ def _chance_of_agreement(
     same_m: float,
     limit: float,
 ) -> float:
-    """Returns the probability that an offset agrees with the one before it by chance; 0 where the two do not agree."""
+    """Returns the probability that offsets k - 1 and k agree by chance; 0 if they do not agree, or not on one offset alone.
+
+    The arguments are those of `find_agreeing`; `limit` is the largest squared Mahalanobis distance at which offsets agree.
+    """
     if np.abs(given.places[k] - given.places[k - 1]).max() > most_m:
         return 0.0
     off, covariance = given.differ(k - 1, k)
@@ -161,32 +164,31 @@ def _chance_of_agreement(
 # A revisit is sure only if the score of the next best pose is worse by this many standard deviations of the difference
 # between the two scores. Otherwise one of several places that look alike could be the best by chance.
 _RIVAL_SIGMAS = 3.0
-# The usual error of a revisit is estimated only from at least this many pairs of neighbouring revisits.
+# Fewest pairs of neighbouring revisits from which the usual error of a revisit is estimated.
 _REVISIT_FEWEST = 10
 
 
 @dataclass(frozen=True, slots=True)
 class RevisitAudit:
-    """The judgement of one revisit: two passes of one place, the later one registered on the earlier one.
+    """The judgement of one revisit: of two passes of one place, the later pass is registered on the earlier pass.
 
     Args:
-        earlier, later: the two sweeps.
+        earlier, later: numbers of the sweeps in whose frames the passes are given.
         offset: (3,) pose of the later pass by psi relative to its pose by the trajectory, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) covariance of the offset by the measurement, plus the covariance that the trajectory states, if
-            any.
-        heading: yaw of the later sweep's pose [rad].
+        covariance: (3, 3) covariance of the offset by the measurement, plus `stated_covariance`.
+        heading: yaw of the later sweep's pose in the map's frame [rad].
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier pass.
         psi, psi_best: score per point without and with the offset corrected.
-        sure: whether the maps of the two passes constrain every direction and fit nowhere else as well, or the revisit
-            belongs to a row of revisits that agree.
+        sure: whether the two passes constrain every direction and fit nowhere else as well, or the revisit belongs to a row
+            of revisits that agree.
         torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
-        p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
-            too few revisits show how far off they usually are.
-        stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
-            which is part of the revisit's covariance; None where the trajectory states no covariance.
-        excused: whether the passes would be torn if the trajectory did not state so large a covariance.
+        p_value: probability that a good map has an offset this large at any revisit; NaN if the revisit is not sure, or if
+            the map has too few revisits to show their usual error.
+        stated_covariance: (3, 3) covariance of the later pose relative to the earlier pose that the trajectory itself
+            states; None if it states none.
+        excused: whether only the stated covariance keeps the passes from being torn.
     """
 
     earlier: int
@@ -206,12 +208,12 @@ class RevisitAudit:
 
     @property
     def distance_m(self) -> float:
-        """How far the passes are apart [m]."""
+        """Distance in x and y by which the later pass is off the earlier pass [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
 
     @property
     def moved(self) -> NDArray[np.float64]:
-        """The offset (2,) [m] in the world's directions, which stays the same in turns if one pass lies beside the other."""
+        """The offset (2,) [m] in the map's frame, which is the same at successive revisits if a whole pass is displaced."""
         return np.asarray(se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0])
 
 
@@ -221,10 +223,9 @@ class Honesty:
 
     Args:
         revisits: number of sure revisits.
-        nees: mean squared offset in units of its covariance, per degree of freedom; 1 where the covariances are right.
-        least: lower end of the range that holds `nees` with a probability of 95 % where the covariances are right.
-        most: upper end of this range.
-        statement: the finding as a sentence.
+        nees: mean squared offset in units of its covariance, per degree of freedom; about 1 if the covariances are right.
+        least, most: range that holds `nees` with a probability of 95 % if the covariances are right.
+        statement: the result as a sentence.
     """
 
     revisits: int
@@ -235,11 +236,13 @@ class Honesty:
 
 
 def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
-    """Judges by revisits whether the covariances that a trajectory states are honest; None where it states none.
+    """Judges whether the covariances that a trajectory states explain the offsets of its revisits.
 
-    The offset of a revisit shows an error of the trajectory, up to the covariance of the registration. Where covariances
-    are listed pose by pose, the correlations between poses are missing. The covariance of one pose relative to a nearby
-    pose then comes out too large. Covariances that are too large are therefore reported, but are no fault.
+    A list of covariances of single poses lacks the correlations between poses, so the covariance of one pose relative to
+    another comes out too large. Covariances that are too large are therefore reported, but are no fault.
+
+    Returns:
+        The result; None if the trajectory states no covariances or no revisit is sure.
     """
     sure = [r.inflation for r in revisits if r.sure and r.stated_covariance is not None]
     if not sure:
@@ -265,14 +268,14 @@ def audit_revisits(
     progress: Progress,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
-    """Judges the revisits of a map; a revisit with too few points in either pass is left out.
+    """Judges the revisits of a map, in the order of time; leaves out revisits with too few points in either pass.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
         limits: settings of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
-        stated: covariances that the trajectory itself states; None where it states none.
+        stated: covariances of one pose relative to another that the trajectory itself states; None if it states none.
     """
     pairs = find_revisit_pairs(*shared[:2])
     registered = engine.map(_register_pair, shared, pairs, count_items(progress, "revisits", len(pairs)))
@@ -280,7 +283,7 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits; a revisit with a pass in a gap of the trajectory is marked as not sure: its poses are guesses.
+    """Returns the revisits; marks a revisit with a pass in a gap of the trajectory, where poses are guesses, as not sure.
 
     Args:
         revisits: revisits of a map.
@@ -302,11 +305,11 @@ def judge_registrations(
     limits: VerdictConfig,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
-    """Judges pairs of passes that are registered already, as `audit_revisits` does.
+    """Judges revisits whose passes are registered already; the other arguments are those of `audit_revisits`.
 
-    The covariance from psi's curvature is too small by a factor that depends on the world, as with steps. Here the usual
-    difference between neighbouring revisits shows this factor. A drift of the whole trajectory, which revisits must find,
-    moves neighbours alike, so it cancels out in their differences.
+    The covariance from psi's curvature is too small by a factor that depends on the surroundings. The usual difference
+    between neighbouring revisits shows this factor. A drift of the trajectory moves neighbouring revisits alike, so it does
+    not change the factor.
     """
     if not registrations:
         return []
@@ -345,7 +348,7 @@ def judge_registrations(
             p_value=float(p_values[k]),
             stated_covariance=None if known is None else known[k],
         )
-        torn = is_torn(revisit, settings)  # by fixed limits, which also hold if too few revisits give p-values
+        torn = is_torn(revisit, settings)  # by fixed limits, which need no p-values
         excused = False
         if known is not None:
             if np.isfinite(revisit.p_value):
@@ -356,9 +359,9 @@ def judge_registrations(
 
 
 def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
-    """Returns offsets with covariances scaled to explain how neighbours differ, and the scale's degrees of freedom.
+    """Returns the offsets, with covariances scaled to explain how neighbours differ, and the scale's degrees of freedom.
 
-    No covariance is made smaller. Without enough neighbours the covariances stay as they are, with no degree of freedom.
+    No covariance is made smaller. With too few neighbours the covariances are not scaled, and the degrees of freedom are 0.
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in registrations]),
@@ -381,7 +384,10 @@ def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
 
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of sweeps that may show one place: one pair every `spacing_m`, with the nearest pass."""
+    """Finds pairs (earlier, later) of sweeps that may show one place; each later sweep gets the nearest earlier pass only.
+
+    The later sweeps are about `settings.spacing_m` of path apart.
+    """
     passes = find_passes(
         sweeps.travelled,
         sweeps.poses,
@@ -393,14 +399,14 @@ def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int,
 
 
 def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
+    """Returns how far two passes with `path_m` [m] of path between them may be off in position [m] and in yaw [rad]."""
     position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
     yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)
     return position_m, yaw
 
 
 def _register_pair(shared: Shared, pair: tuple[int, int]) -> Registration | None:
-    """Registers the later pass of a pair on the earlier one; returns None where either holds too few points."""
+    """Registers the later pass of a pair (earlier, later) on the earlier pass; None if either pass has too few points."""
     sweeps, settings, estimator = shared
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
@@ -408,14 +414,14 @@ def _register_pair(shared: Shared, pair: tuple[int, int]) -> Registration | None
 
 
 def is_torn(revisit: RevisitAudit, settings: AuditConfig) -> bool:
-    """Returns whether a revisit is torn by the fixed limits on its inflation and on its offset."""
+    """Returns whether a revisit is sure and its inflation and its offset are above fixed limits."""
     beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)
 
 
 def pick_passes(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:
-    """Returns the sweeps of the earlier pass, and those of the shorter part of the later pass that is registered on it."""
+    """Returns the numbers of the sweeps of the earlier pass, and of the shorter later pass that is registered on it."""
     first, second = (
         pick_around(sweeps.travelled, k, reach_m, settings.submap_spacing_m).tolist()
         for k, reach_m in ((earlier, settings.submap_m), (later, LATER_SHARE * settings.submap_m))

@@ -1,11 +1,11 @@
-"""Checks the speed of a trajectory with pairs of successive scans: they show errors too large for a window to measure.
+"""Checks the speed of a trajectory by pairs of successive scans, which show errors too large for a window to measure.
 
 A window's correction is searched for near the trajectory. If the trajectory is farther off, the search ends in another
 minimum of psi, and the window's inflation means nothing. Two successive scans are registered over all plausible speeds, so
 this check has no such limit.
 
-In a gap of the trajectory the speed is interpolated, and says nothing about the trajectory. There, the trajectory only
-claims how far apart the ends of the gap are. The chained motions of the scans in the gap confirm or contradict that.
+In a gap of the trajectory the speed is interpolated. There the trajectory only states how far apart the ends of the gap are.
+The chained motions of the scans in the gap confirm or contradict this distance.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class CaptureRange:
     """The largest errors of a trajectory that the tests of its windows and of its speeds can find.
 
     Args:
-        window_m: largest correction over a window that is surely found [m].
-        speed_mps: the same limit as an error of the speed [m/s].
+        window_m: largest correction that the search in a window surely finds [m].
+        speed_mps: this correction divided by the duration of a window [m/s].
         searched_mps: largest error of the speed that is searched for between successive scans [m/s].
     """
 
@@ -57,9 +57,9 @@ class SpeedCheck:
     """The motion between two successive scans compared with the trajectory's motion.
 
     Args:
-        error: (3,) mean velocity that the trajectory's motion lacks, in the frame of the later scan [m/s, m/s, rad/s].
+        error: (3,) mean velocity to be added to the trajectory's, in the frame of the later scan [m/s, m/s, rad/s].
         sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
-            capture range, the scans must also fit clearly worse where the trajectory has them.
+            capture range, the scans must also fit clearly worse by the trajectory.
     """
 
     error: se2.Array
@@ -72,10 +72,10 @@ class SpeedCheck:
 
 
 def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> CaptureRange:
-    """Returns the capture range of the windows' test.
+    """Returns the largest errors that the windows and the speed checks of a map can find.
 
-    The widest search for a window's best map begins with neighbourhoods of `estimator.s_start`. A correction that moves a
-    window's ends farther than that relative to each other moves some points out of each other's neighbourhood.
+    The widest search for a window's best map begins with neighbourhoods of radius `estimator.s_start` [m]. A correction that
+    moves the ends of a window farther than this relative to each other moves points out of each other's neighbourhood.
 
     Args:
         revolution_s: usual duration of a scan [s].
@@ -86,7 +86,7 @@ def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> Captu
 
 
 def _find_capture(shared: Shared) -> CaptureRange:
-    """Returns the capture range of the windows of a map."""
+    """Returns the capture range of the map that is judged."""
     sweeps, _, estimator = shared
     return find_capture_range(sweeps.revolution_s, estimator)
 
@@ -94,20 +94,19 @@ def _find_capture(shared: Shared) -> CaptureRange:
 def check_speeds(
     shared: Shared, middles: Sequence[int], known: NDArray[np.bool_], engine: Engine, progress: Progress
 ) -> list[SpeedCheck | None]:
-    """Compares the motions from given sweeps to the next ones with the trajectory's.
+    """Compares the motions from some sweeps to the next sweeps with the trajectory's motions.
 
-    Where two scans contradict an interpolated speed, the check is sure only if the scans of the whole gap contradict it,
-    too.
+    Where two scans in a gap contradict the trajectory, the check is sure only if the scans of the whole gap contradict it.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
-        middles: the given sweeps, each of which has one after it.
+        middles: numbers of the sweeps whose motion to the next sweep is checked.
         known: (S,) which sweeps lie in no gap of the trajectory.
         engine: where the motions are compared; the result does not depend on it.
         progress: called as motions are compared.
 
     Returns:
-        one check per sweep; None where either scan holds too few points.
+        one check per entry of `middles`; None where either scan holds too few points.
     """
     sweeps = shared[0]
     checks = engine.map(check_speed, shared, list(middles), count_items(progress, "speeds", len(middles)))
@@ -127,7 +126,7 @@ def check_speeds(
 def _find_wrong(
     gaps: Sequence[tuple[float, float]], track: Track, shared: Shared, engine: Engine, progress: Progress
 ) -> set[tuple[float, float]]:
-    """Returns the gaps [s] whose ends are clearly farther apart, or closer, by the scans than by the trajectory."""
+    """Returns the gaps (begin, end) [s] across which scans and trajectory disagree on the distance between the two ends."""
     sweeps, settings, estimator = shared
     inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
     pairs = sorted({begin for begins in inner.values() for begin in begins})
@@ -144,7 +143,7 @@ def _find_wrong(
 
 
 def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
-    """Returns the sweeps whose motions to the next sweep overlap a gap [s] in time."""
+    """Returns the numbers of the sweeps whose motion to the next sweep overlaps a gap (begin, end) [s] in time."""
     first = int(np.searchsorted(times, gap[0], side="right")) - 1
     last = int(np.searchsorted(times, gap[1], side="left"))
     return range(max(first, 0), min(last, len(times) - 1))
@@ -153,13 +152,13 @@ def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
 def _chain_across(
     gap: tuple[float, float], times: NDArray[np.float64], twists: Mapping[int, se2.Array | None], longest_s: float
 ) -> float | None:
-    """Returns how far apart the ends of a gap are by the chained motions of its scans [m]; None if too many are unknown.
+    """Returns the distance [m] between the ends of a gap by the chained motions of its scans, interpolated where unknown.
 
     Args:
         gap: begin and end of the gap [s].
         times: (S,) times of the sweeps [s].
-        twists: mean twists from the sweeps of the gap to the next ones [m/s, m/s, rad/s], None where they are unknown.
-        longest_s: longest time over which unknown motions are interpolated [s].
+        twists: mean twist (3,) from each sweep of the gap to the next sweep [m/s, m/s, rad/s]; None where it is unknown.
+        longest_s: longest time over which unknown motions are interpolated [s]; None is returned if they last longer.
     """
     known = [k for k, twist in twists.items() if twist is not None]
     middles = (times[known] + times[[k + 1 for k in known]]) / 2.0
@@ -175,13 +174,13 @@ def _chain_across(
 
 
 def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
-    """Returns how far apart the ends of a gap are by the trajectory [m]."""
+    """Returns the distance [m] between the trajectory's poses at the ends of a gap (begin, end) [s]."""
     (a, b) = np.searchsorted(track.times, gap)
     return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
 
 
 def _measure_twist(shared: Shared, begin: int) -> se2.Array | None:
-    """Measures the mean twist from a sweep to the next one [m/s, m/s, rad/s]; returns None where it is not sure."""
+    """Measures the mean twist (3,) from the sweep `begin` to the next sweep [m/s, m/s, rad/s]; None if it is not sure."""
     sweeps = shared[0]
     measured = _register_next(shared, begin)
     if measured is None or not measured[1].sure:
@@ -192,13 +191,16 @@ def _measure_twist(shared: Shared, begin: int) -> se2.Array | None:
 
 
 def check_speed(shared: Shared, begin: int) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next with the trajectory's; None where either sweep has too few points."""
+    """Compares the motion from a sweep to the next sweep with the trajectory's; None if either has too few points."""
     measured = _register_next(shared, begin)
     return None if measured is None else measured[1]
 
 
 def _register_next(shared: Shared, begin: int) -> tuple[Registration, SpeedCheck] | None:
-    """Registers the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
+    """Registers the sweep `begin + 1` on the sweep `begin`, and compares their motion with the trajectory's.
+
+    Returns None if either sweep has too few points.
+    """
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
@@ -214,19 +216,19 @@ def _register_next(shared: Shared, begin: int) -> tuple[Registration, SpeedCheck
 
 
 def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
-    """Returns whether two scans surely contradict the trajectory's motion, by more than a window can measure."""
+    """Returns whether a check is sure and finds an error of the speed that is larger than a window can measure."""
     return check is not None and check.sure and check.error_mps > capture.speed_mps
 
 
 def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, *, is_of_run: bool = False) -> list[Finding]:
-    """Returns the finding that the speeds of a map give; an empty list if no speed is sure.
+    """Judges a map by its speed checks; returns one finding, or an empty list if no check is sure.
 
     The share of wrong speeds has the same limits as the share of torn windows.
 
     Args:
-        checks: the speed checks of all windows.
-        capture: the capture range of the windows' test.
-        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
+        checks: the speed checks of all windows; None for a window without a check.
+        capture: the largest errors that windows and speed checks can find.
+        is_of_run: whether a run made the trajectory, so that the trajectory surely belongs to this recording.
     """
     sure = [check for check in checks if check is not None and check.sure]
     if not sure:
