@@ -1,10 +1,10 @@
 """Tests whether a trajectory is in the frame of its cloud, and whether another reading of the poses makes a torn map whole.
 
-A finished cloud keeps its shape wherever its trajectory lies. But a sensor sees what is around it: in the right frame the
-points of every sweep lie around its pose.
+A finished cloud has the same shape in whatever frame its trajectory is given. But a sensor sees its surroundings: in the
+right frame, the points of every sweep lie around the pose from which the sensor saw them.
 
-A mirrored trajectory, or one that counts yaw the other way, tears a map wherever the vehicle turns. If undoing one of these
-errors makes the torn windows whole, that error is the cause. Missing headings show in the poses themselves.
+A trajectory that is mirrored, or counts yaw clockwise, tears a map wherever the vehicle turns. If undoing one of these
+errors makes the torn windows whole, this error is the cause. Missing headings show in the poses themselves.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mqslam.core.engine import Engine
 Place = Callable[[se2.Array], Sweeps]
 """A function that returns the points of a map under other poses (M, 3) of its track."""
 
-_FAR: Final = 0.3  # a wrong frame is off by more than this share of a sweep's spread; less may come from a one-sided view
+_FAR: Final = 0.3  # a wrong frame is off by more than this share of a sweep's spread: a one-sided view causes smaller errors
 _SIGMAS: Final = 5.0  # a wrong frame is also off by more than this many standard deviations
 _FEWEST: Final = 40  # fewest sweeps with points that show where the sensor was
 
@@ -38,7 +38,7 @@ _TRIED: Final = 20  # other readings are tried in this many windows: those with 
 _LEAST_TORN: Final = 4  # with fewer torn windows than this no other reading is tried
 _WHOLE: Final = 0.5  # share of the tried windows that the right reading makes whole and crisper
 _NOT_MIRRORED: Final = "the map has no tears of the kind that a mirrored trajectory or missing headings would cause"
-_LEAST_TURN: Final = 0.02  # if all headings lie within this [rad] although the path turns, they are missing
+_LEAST_TURN: Final = 0.02  # headings are missing if they differ by at most this [rad] although the path turns
 _PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than this [rad]
 
 
@@ -74,14 +74,14 @@ def judge_frame(sweeps: Sweeps) -> Finding:
 
 
 def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
-    """Returns the motion (3,) of a cloud that brings its sweeps around the poses from which they were seen.
+    """Returns the motion (3,) [m, m, rad] that moves the sweeps of a cloud to the poses from which they were seen.
 
-    A sensor may always see more on one side of itself. That is no fault of the frame, so the offset of the points from the
-    sensor is fitted as well.
+    A sensor may always see more on one of its sides. This is no fault of the frame, so the mean offset of the points from
+    the sensor is fitted as well.
 
     Args:
-        middles: (N, 2) median position of the points of each sweep [m].
-        poses: (N, 3) poses from which the sweeps were seen.
+        middles: (N, 2) median position of the points of each sweep, in the cloud's frame [m].
+        poses: (N, 3) poses x, y [m], yaw [rad] from which the sweeps were seen, in the trajectory's frame.
     """
     centre, towards = middles.mean(axis=0), poses[:, :2].mean(axis=0)
     cross = (middles - centre).T @ (poses[:, :2] - towards)
@@ -101,11 +101,11 @@ def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
 
 
 class Reading(NamedTuple):
-    """Another reading of a trajectory, such as a mirrored one.
+    """Another way to read the poses of a trajectory, such as mirrored.
 
     Args:
         name: what is wrong with the trajectory if the map is whole under this reading.
-        remedy: how to mend the trajectory.
+        remedy: how to correct the trajectory.
         signs: factors on x, y and yaw that convert the poses to this reading.
     """
 
@@ -115,7 +115,7 @@ class Reading(NamedTuple):
 
 
 def _misses_headings(poses: se2.Array) -> bool:
-    """Returns whether all poses look the same way while their path turns."""
+    """Returns whether all poses (M, 3) have the same yaw although their path turns."""
     along = np.diff(poses[:, :2], axis=0)
     along = along[np.hypot(*along.T) > 1e-3]
     if len(along) < 2 or np.ptp(np.unwrap(poses[:, 2])) > _LEAST_TURN:
@@ -137,12 +137,12 @@ def judge_readings(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> Finding:
-    """Judges whether the torn windows of a map are whole under another reading of its trajectory.
+    """Judges whether torn windows of a map are whole under another reading of its trajectory, or its headings are missing.
 
     Args:
         sweeps: points under the trajectory to judge.
         windows: windows of the map.
-        place: returns the points of the map under other poses.
+        place: returns the points of the map under other poses (M, 3) of the track.
         settings: settings of the audit.
         estimator: settings of the score.
         engine: where windows are judged; the result does not depend on it.
@@ -169,13 +169,13 @@ def judge_readings(
 
 
 def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
-    """Returns how far the trajectory turns within a window [rad]."""
+    """Returns the absolute change of the yaw [rad] from the first to the last sweep of a window."""
     begin, end = sweeps.poses[[window.begin, window.end - 1], 2]
     return abs(float(se2.wrap(end - begin)))
 
 
 def _is_whole(shared: Shared, given: WindowAudit) -> bool:
-    """Returns whether a window is not torn, is crisper than before, and has two middle scans that confirm its speed."""
+    """Returns whether a window is not torn, is crisper than the given window, and its two middle scans confirm its speed."""
     sweeps, _, estimator = shared
     window = audit_window(shared, given.begin)
     if window.torn or window.bend.psi >= given.bend.psi:

@@ -1,4 +1,4 @@
-"""What can be audited: radar and lidar recordings under a trajectory, and finished timed clouds."""
+"""Prepares what can be audited: radar and lidar recordings under a trajectory, and finished clouds with times."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from mqslam.formats.covariances import StampedCovariances, holds_covariances, re
 from mqslam.psi.place import Beam
 
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
-_SLACK_SWEEPS: Final = 2.0  # a covariance farther in time from a sweep, in sweeps, belongs to another trajectory
+_SLACK_SWEEPS: Final = 2.0  # a covariance that is more sweeps than this before or after a sweep belongs to other poses
 _REMEDY: Final = "give the covariances that were written together with the trajectory"
 
 
 @dataclass(frozen=True)
 class StatedCovariances:
-    """The covariances that a trajectory states of its poses, as they were read.
+    """The covariances that a trajectory states for its poses, as they were read.
 
     Args:
-        path: file that they were read from.
-        read: the covariances.
+        path: file from which the covariances were read.
+        read: the covariances and their stamps.
         given: the trajectory.
-        is_needed: whether the audit is impossible without them; if not, covariances that do not fit are left out.
+        is_needed: whether covariances that do not fit the trajectory are an error; if not, they are left out.
     """
 
     path: Path
@@ -50,17 +50,17 @@ class StatedCovariances:
 def read_stated_covariances(
     covariances: Path | str | None, origin: Trajectory | Path | str, given: Trajectory | None
 ) -> tuple[StatedCovariances | None, list[str]]:
-    """Returns the covariances that a trajectory states of its poses, or None if it states none, and notes for the user.
+    """Returns the covariances that a trajectory states for its poses, or None if it states none, and notes for the user.
 
     Args:
-        covariances: file of the covariances of the trajectory's poses; None takes those in the trajectory's own file, or
-            the file beside a run's own trajectory.tum.
+        covariances: file of the covariances of the trajectory's poses; None looks for them in the trajectory's own file,
+            and in the covariances.csv beside a run's trajectory.tum.
         origin: the trajectory as the user named it: poses, a file, or the name of a trajectory that the recording carries.
         given: the trajectory; None if the recording carries it.
 
     Raises:
         ConfigError: covariances are given for a trajectory that the recording carries.
-        DataError: the given file cannot be read.
+        DataError: the covariances in the given file, or in the trajectory's own file, cannot be read.
     """
     if covariances is not None:
         if given is None:
@@ -84,15 +84,17 @@ def read_stated_covariances(
 def fit_covariances(
     stated: StatedCovariances | None, offset_us: int, sweeps: Sweeps
 ) -> tuple[RelativeCovariances | None, list[str]]:
-    """Returns the covariances of the poses of sweeps, and notes for the user; each sweep takes those of the nearest stamp.
+    """Returns the covariances of the poses of sweeps, each the nearest in time, and notes for the user.
+
+    The covariances are None if none are stated, or if they do not fit the sweeps and are not needed.
 
     Args:
-        stated: the covariances of the trajectory's poses; None gives None.
-        offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
+        stated: the covariances of the trajectory's poses, or None.
+        offset_us: time that was added to the trajectory's stamps [us], and is added to the stamps of the covariances, too.
         sweeps: points under the trajectory to judge.
 
     Raises:
-        DataError: needed covariances have none near some sweep.
+        DataError: the covariances are needed, but there is none near a sweep.
     """
     if stated is None:
         return None, []
@@ -185,10 +187,10 @@ def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sw
         beam: the sensor's errors.
 
     Returns:
-        the sweeps, and a note where the trajectory does not cover the whole recording.
+        the sweeps, and notes for the user: one if the trajectory does not cover all scans, else none.
 
     Raises:
-        EstimationError: the recording and the trajectory share no time.
+        EstimationError: the trajectory covers fewer than two scans, or these hold no returns.
     """
     sweeps, inside = place_sweeps(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
@@ -204,12 +206,12 @@ def divide_cloud(
     """Divides a finished cloud into sweeps; without a trajectory, a sweep's mean point stands for the sensor's position.
 
     Args:
-        cloud: points with the times they were measured at.
+        cloud: points, and the times at which they were measured.
         trajectory: the poses of the sensor that the cloud was made with, or None.
         beam: the sensor's errors.
 
     Raises:
-        DataError: all points of the cloud have the same time, or the trajectory does not cover it.
+        DataError: all points of the cloud have the same time, or the trajectory does not cover the cloud's time.
     """
     stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
     if len(stamps) < 2:
@@ -242,7 +244,7 @@ def divide_cloud(
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
         travelled=se2.path_lengths(poses),
-        doubt_m=np.zeros(len(present)),  # the points came placed, so nothing is interpolated
+        doubt_m=np.zeros(len(present)),  # the points of a cloud are placed already, so nothing is interpolated
         revolution_s=revolution_s,
         track=track,
         is_finished=True,
@@ -253,7 +255,7 @@ def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> Time
     """Returns a cloud as it would be with another trajectory: each point moves with the sensor.
 
     Args:
-        cloud: points with the times they were measured at.
+        cloud: points, and the times at which they were measured.
         given: the poses of the sensor that the cloud was made with.
         mended: other poses at the same stamps.
     """
@@ -264,7 +266,7 @@ def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> Time
 
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the mean position of points (N, 2) as a pose (3,)."""
+    """Returns the mean position of points (N, 2) [m] as a pose (3,) with a yaw of 0."""
     return np.append(points.mean(axis=0), 0.0)
 
 

@@ -1,7 +1,7 @@
-"""Finds jumps of the trajectory between two successive scans, which are called steps.
+"""Finds jumps of a trajectory at its steps; a step is the place between two successive scans.
 
-Everywhere along the path, the scans just after a step are registered on the scans just before it. A jump leaves the map
-crisp before and after it, so a window's twist does not show it. The offset of the registration does: it equals the jump.
+All along the path, the scans just after a step are registered on the scans just before the step. A jump leaves the map crisp
+on either side, so a window's twist does not show the jump. The offset of the registration shows it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mqslam.psi.score import make_references
 
 # Number of scans from one judged step to the next.
 _EVERY = 2
-# Share of the steps, those that match worst, whose registration is repeated with a wider search.
+# Share of the steps whose registration is repeated with a wider search: the steps whose two sides match worst.
 _DOUBTFUL = 0.1
 
 
@@ -44,14 +44,13 @@ class StepAudit:
     """The judgement of one step, which is a place between two successive scans.
 
     Args:
-        registration: registration of the scans after the step on those before it; its later sweep is the first scan after
-            the step.
+        registration: registration of the scans after the step on the scans before it; the first scan after the step is
+            its later sweep.
         t: time of the step [s] since the recording's start.
-        p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where the scans do
-            not constrain every direction or too few steps show what is usual.
-        lasts: whether the scans farther from the step also fit better with the offset of the step corrected; if they fit
-            worse, only a few scans are off and the map does not jump. It is False, too, where only the pattern of a lidar's
-            beams fits better.
+        p_value: probability that a map without a jump has a step this far off; NaN if the scans do not constrain every
+            direction, or if the map has too few steps to show their usual offset.
+        lasts: whether the scans farther from the step also fit better with the offset of the step corrected. If not, only a
+            few scans are off and the map does not jump. False, too, if only the pattern of a lidar's beams fits better.
     """
 
     registration: Registration
@@ -61,7 +60,7 @@ class StepAudit:
 
     @property
     def judged(self) -> bool:
-        """Whether a jump here would be seen: the two sides fit in one place only, and enough steps show what is usual."""
+        """Whether a jump here would be seen: the two sides fit at one offset only, and there are enough steps to compare."""
         return bool(np.isfinite(self.p_value)) and self.registration.unrivalled
 
 
@@ -101,12 +100,12 @@ def audit_steps(
 
 
 def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
-    """Returns whether the scans farther from a step show its offset, too; True if the offset may be chance.
+    """Returns whether the scans farther from a step show its offset, too (see `StepAudit`); True if the offset is small.
 
     Args:
-        step: the step.
+        step: registration of the two sides of the step.
         p_value: p-value of the step.
-        shared: points, settings of the audit and settings of the score.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         chance: p-value below which a step is off by more than chance explains.
     """
     sweeps, settings, estimator = shared
@@ -128,18 +127,18 @@ def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) ->
 
 
 def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns for each step the probability that a step as far off shows somewhere in a map without a jump.
+    """Returns for each step the probability that a map without a jump has a step this far off anywhere.
 
-    psi's curvature gives a covariance that is too small for so few scans, by a factor that depends on the world. And a
-    trajectory that is noisy everywhere has no jump. The median step allows for both: the variances are scaled per axis until
-    they explain how far off the median step is. They are never made smaller.
+    For a few scans, psi's curvature gives a covariance that is too small by a factor that depends on the surroundings. Also,
+    a trajectory that is noisy everywhere has no jump. The variances are therefore scaled per axis until they explain the
+    offset of the median step. They are never made smaller.
 
     Args:
         steps: all steps of the map.
 
     Returns:
         (N,) p-values, corrected for the number of steps; NaN where the scans do not constrain every direction, and for all
-        steps if too few show what is usual.
+        steps if fewer than `STEP_FEWEST` of them are constrained.
     """
     judged = np.array([step.observed for step in steps], dtype=bool)
     p_values = np.full(len(steps), np.nan)
@@ -152,17 +151,17 @@ def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def scale_covariances(steps: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the covariances (N, 3, 3) of steps, scaled per axis until they explain how far off the median step is."""
+    """Returns the covariances (N, 3, 3) of N steps' offsets, scaled per axis to explain the offset of the median step."""
     offsets = np.array([step.offset for step in steps])
     covariances = np.array([step.covariance for step in steps]) + LEAST_COVARIANCE
     return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 
 def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
-    """Returns the places, in order, to search again in a wider region: a jump may be larger than the near search reaches.
+    """Returns the places to search again in a wider region, in order: a jump may be larger than the near search reaches.
 
-    These are the places whose two sides match poorly or fit elsewhere as well, and the places between them and the next
-    steps, since the scans on one side of a step may lie on both sides of a jump.
+    A place is the number of the first sweep after a step. Places are chosen if their two sides match poorly or fit elsewhere
+    as well. The places between these and the next steps follow, since one side of a step may contain a jump.
 
     Args:
         near: the registration at each place, in order; None where either side holds too few points.
@@ -185,10 +184,10 @@ def _pick_beside(
 ) -> list[tuple[int, tuple[float, float]]]:
     """Returns the places next to steps that are off by more than chance explains, and how far to search there.
 
-    A step is also off if the jump lies among the scans on one of its sides. The jump itself may lie between two steps.
+    A step is also off if a jump lies among the scans on one of its sides, so the jump itself may lie between two steps.
 
     Args:
-        registrations: the registration at each place.
+        registrations: the registration at each place, the number of the first sweep after a step.
         settings: settings of the audit.
         chance: p-value below which a step is off by more than chance explains.
 
@@ -209,19 +208,22 @@ def _pick_beside(
 
 
 def _register_far(shared: Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step by a search over all plausible speeds; None unless they fit far better there."""
+    """Registers the two sides of a step over all plausible speeds; None unless they then fit far better."""
     sweeps, settings, _ = shared
     registration = _register_step(shared, (place, compute_far_reach(measure_span(sweeps, place - 1), settings)))
     return registration if registration is not None and fits_far_better(registration) else None
 
 
 def _register_step(shared: Shared, step: tuple[int, tuple[float, float]]) -> Registration | None:
-    """Registers the scans after a step on the scans before it; a step has a place and a reach of the search [m], [rad]."""
+    """Registers the scans after a step on the scans before it; None if either holds too few points.
+
+    `step` holds the number of the first sweep after the step, and the reach of the search in position [m] and yaw [rad].
+    """
     sweeps, settings, estimator = shared
     place, reach = step
     return register(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 
 
 def pick_sides(place: int) -> tuple[range, range]:
-    """Returns the sweeps on the two sides of a step: the last ones before a place, and the first ones from the place on."""
+    """Returns the numbers of `STEP_SCANS` sweeps before the sweep `place`, and of as many sweeps from it on."""
     return range(place - STEP_SCANS, place), range(place, place + STEP_SCANS)

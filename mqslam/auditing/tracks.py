@@ -1,6 +1,6 @@
-"""Tests of a trajectory by its poses alone: where poses are missing, where it jumps, and which scans it does not cover.
+"""Tests a trajectory by its poses alone: where poses are missing, where it jumps, and which scans it does not cover.
 
-These tests come before all others: they find faults of the trajectory that no window could show.
+These tests come before all others, since they find faults of the trajectory that no window shows.
 """
 
 from __future__ import annotations
@@ -30,11 +30,10 @@ _JUMP_RADPS2 = 10.0
 _JUMP_FACTOR = 3.0
 # Only steps whose difference from the steps around them lies above this quantile of all differences may be jumps.
 _JUMP_QUANTILE = 0.9
-# A trajectory that leaves a larger share of the scans than this uncovered is worth a look: its stamps may not fit the
-# recording's.
+# If a trajectory leaves a larger share of the scans than this uncovered, its stamps may not fit the recording's.
 _UNCOVERED_WARN = 0.5
-# A trajectory that leaves a larger share of the scans than this uncovered covers only a part of the recording. That is worth
-# a look: nothing is known of the rest. A smaller share is tolerated, since a SLAM may lack its first poses.
+# If a trajectory leaves a larger share of the scans than this uncovered, it covers only a part of the recording, and the
+# rest is not judged. A smaller share is tolerated, since a SLAM system may lack its first poses.
 _PART_WARN = 0.1
 
 _LISTED: Final = 3  # a sentence names at most this many stretches or jumps, so that it stays readable
@@ -51,12 +50,12 @@ class Track:
 
     Args:
         times: (M,) times of the poses [s] since the recording's start, increasing.
-        poses: (M, 3) poses of the sensor, world frame.
+        poses: (M, 3) poses x, y [m], yaw [rad] of the sensor in the map's frame.
         scans: number of scans of the recording.
         uncovered: number of these scans that the trajectory does not cover.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
-            the user cannot choose them.
-        time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
+        extrinsics: (3,) pose x, y [m], yaw [rad] of the sensor in the frame whose motion the given trajectory describes,
+            such as the vehicle; None if the user cannot choose it.
+        time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
     """
 
     times: NDArray[np.float64]
@@ -73,8 +72,8 @@ class Jump:
 
     Args:
         t0, t1: times at which the step begins and ends [s] since the recording's start.
-        distance_m: distance from where the median motion of its neighbours would have led [m].
-        angle_rad: difference to the turn that the median motion of its neighbours would have made [rad].
+        distance_m: distance of its end from the place that the median motion of the steps around it would have reached [m].
+        angle_rad: difference between its turn and the turn of this median motion [rad].
     """
 
     t0: float
@@ -84,9 +83,9 @@ class Jump:
 
 
 def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
-    """Returns the findings about a trajectory itself: missing poses and jumps; an empty list if it has no such fault.
+    """Returns the findings on uncovered scans, gaps and jumps of a trajectory; an empty list if it has none of these faults.
 
-    Poses before the first scan and after the last one are not judged: they move no point.
+    Poses before the first scan and after the last scan are not judged, since they move no point.
 
     Args:
         track: the trajectory.
@@ -121,8 +120,8 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
 def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
     """Returns a mask (S,) of the scans that lie in gaps of the trajectory.
 
-    A scan lies in a gap if the poses before and after it are more than one window apart in time, and both are more than half
-    a revolution from the start of the scan. A gap of the recording itself contains no scan, so no scan is marked there.
+    A scan lies in a gap if the poses before and after it are farther apart in time than a window is long, and both are more
+    than half a revolution from the start of the scan. A gap of the recording itself contains no scan to mark.
 
     Args:
         track: the trajectory.
@@ -139,11 +138,11 @@ def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: fl
 
 
 def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float, range_m: float) -> NDArray[np.float64]:
-    """Returns how far interpolation between given poses may have moved the points of each scan: (S,) [m].
+    """Returns the distance (S,) [m] by which interpolation between given poses may have moved the points of each scan.
 
-    Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far this curve differs from a motion
-    with a constant twist (`se2.interpolate`) shows how much of the curve is a guess. No motion is a guess where every scan
-    has a pose, or across a pause of the recording that has a pose at either end.
+    Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). The difference between this curve and a
+    motion with a constant twist (`se2.interpolate`) is taken as the error of the curve. There is no such error where every
+    scan has a pose, or across a pause of the recording that has a pose at either end.
 
     Args:
         track: the trajectory.
@@ -169,17 +168,17 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
 
 
 def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
-    """Returns which scans (S,) have a pose within half a revolution of the sensor."""
+    """Returns which of the scans that start at times (S,) [s] have a pose within half a revolution of their start."""
     before = _find_steps(track, times)
     apart = np.minimum(np.abs(times - track.times[before]), np.abs(track.times[before + 1] - times))
     return np.asarray(apart <= _CLOSE_TURNS * revolution_s)
 
 
 def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Finding]:
-    """Returns a finding on what cannot be judged if poses are too sparse for the vehicle's turns; else an empty list.
+    """Returns a finding if poses are too sparse for the vehicle's turns, so that errors could hide; else an empty list.
 
     Args:
-        doubt_m: (S,) how far interpolation between given poses may have moved the points of each scan [m].
+        doubt_m: (S,) distance by which interpolation between given poses may have moved the points of each scan [m].
         settings: settings of the audit.
     """
     unsure = int(np.count_nonzero(doubt_m > settings.jump_m))
@@ -192,7 +191,7 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
 
 
 def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Returns the stretches [s] between poses in which given times (S,) [s] lie; stretches that touch are joined."""
+    """Returns the intervals (begin, end) [s] between poses in which times (S,) [s] lie; intervals that touch are joined."""
     gaps: list[tuple[float, float]] = []
     for step in np.unique(_find_steps(track, times)).tolist():
         begin, end = float(track.times[step]), float(track.times[step + 1])
@@ -212,7 +211,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
     Args:
         track: the trajectory.
-        longest_s: steps that take longer than this [s] are gaps: they are no jumps, and no step is compared with them.
+        longest_s: steps that take longer than this [s] are gaps: they count neither as jumps nor as steps around a jump.
         settings: settings of the audit.
     """
     knots = se2.select_apart(track.times)
@@ -222,7 +221,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
     twists = se2.log(se2.wrapped_between(poses[:-1], poses[1:])) / durations[:, None]
     padded = np.pad(np.where(usable[:, None], twists, np.nan), ((_SIDE, _SIDE), (0, 0)), constant_values=np.nan)
     beside = np.stack([padded[shift : shift + len(twists)] for shift in range(2 * _SIDE + 1) if shift != _SIDE])
-    usable &= np.count_nonzero(np.isfinite(beside[..., 0]), axis=0) > _SIDE  # else one wrong step could be the median
+    usable &= np.count_nonzero(np.isfinite(beside[..., 0]), axis=0) > _SIDE  # of fewer, one wrong step could be the median
     if not usable.any():
         return []
     times, durations = times[:-1][usable], durations[usable]
@@ -239,7 +238,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out: those above the first wide gap in the sorted list of the largest sizes."""
+    """Returns which of the sizes (N,) stand out: all above the first wide gap among the largest tenth, if any."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])
@@ -247,12 +246,15 @@ def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; times outside get the first or last step."""
+    """Returns the indices (S,) of the last poses before times (S,) [s], at least 0 and at most the last but one."""
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
 def _judge_cover(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if these make no whole window."""
+    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if it covers no whole window.
+
+    If the trajectory covers more, the list is empty.
+    """
     if track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
@@ -266,7 +268,7 @@ def _judge_cover(track: Track) -> list[Finding]:
 
 
 def judge_part(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers at least half of the scans, but not almost all; otherwise an empty list."""
+    """Returns a finding if a trajectory covers at least half, but less than 90 % of the scans; otherwise an empty list."""
     if not _PART_WARN * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
@@ -278,7 +280,7 @@ def judge_part(track: Track) -> list[Finding]:
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
-    """Describes stretches of time [s] in words; a stretch that reaches to the last scan is named by its begin alone."""
+    """Describes intervals (begin, end) [s] in words, without an end at or after `last`, the start of the last scan [s]."""
     return _join([f"from {a:.1f} s on" if b >= last else describe_times(a, b) for a, b in spans])
 
 
@@ -288,6 +290,6 @@ def _describe_jump(jump: Jump) -> str:
 
 
 def _join(parts: Sequence[str]) -> str:
-    """Joins the first parts of a sentence, and says how many more there are."""
+    """Joins the first `_LISTED` parts of a sentence, and says how many more there are."""
     more = len(parts) - _LISTED
     return ", ".join([*parts[:_LISTED], *([f"and {more} times more"] if more > 0 else [])])
