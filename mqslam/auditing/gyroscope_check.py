@@ -24,26 +24,27 @@ from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import describe_times, left_or_right
 
-# Error of the scale that data sheets of cheap gyroscopes allow: an audit does not call a smaller one a fault.
+# Error of the scale that data sheets of cheap gyroscopes allow. An audit does not call a smaller error a fault.
 _LIKELY_SCALE = 0.03
 
-# A turn over a few scans that the gyroscope does not show is tolerated up to this [rad]: half a degree.
+# A turn over a few scans that the gyroscope does not show is tolerated up to this angle [rad]: half a degree.
 _KINK_RAD: Final = 0.0087
 # A difference between the turns of the trajectory and of the gyroscope is a contradiction only if it is more than this many
-# times the usual difference over as many steps: a gyroscope's bias wanders.
+# times the usual difference over the same number of steps, since a gyroscope's bias wanders.
 _KINK_SIGMAS: Final = 8.0
 # Numbers of steps over which turns are added up. A difference that lasts longer may be the bias of the gyroscope.
 _KINK_STEPS: Final = (1, 4, 16)
 
-# A turn by the gyroscope within this time [s] that exceeds this angle [rad], and this many standard deviations of its noise,
-# is sure if no bias up to this rate [rad/s] explains it: no slope or bump tilts a vehicle as far.
+# The gyroscope surely shows a turn if, within the time _TURN_S [s], the turn exceeds the angle _TURN_RAD [rad] and
+# _TURN_SIGMAS standard deviations of the noise, and no bias up to _LARGEST_BIAS [rad/s] explains it. No slope or bump tilts
+# a vehicle by such an angle.
 _TURN_S: Final = 4.0
 _TURN_RAD: Final = 0.175
 _TURN_SIGMAS: Final = 8.0
 _LARGEST_BIAS: Final = 0.05
-_MISSED: Final = 0.5  # a trajectory that nowhere turns by this share of such a turn has missed it
+_MISSED: Final = 0.5  # a trajectory that nowhere turns by this share of such a turn has missed the turn
 
-_SPARSE: Final = 0.7  # with fewer poses per scan than this (1.5 revolutions apart), a trajectory is interpolated
+_SPARSE: Final = 0.7  # with fewer poses per scan than this (1.5 revolutions between poses), a trajectory is interpolated
 _LEAST_VARIANCE: Final = 1e-12  # numerical: variance [rad^2] of the turns of a trajectory that agrees exactly
 
 
@@ -55,8 +56,9 @@ class GyroscopeCheck:
         source: where the gyroscope's readings come from.
         statement: whether the gyroscope and the trajectory agree, in words.
         agrees: whether the gyroscope and the trajectory agree; None where that is not known.
-        rotation: calibration that converts the gyroscope's readings to the trajectory's turns, or None.
-        differ_rad: robust standard deviation of the difference that remains over a scan [rad]; None where it is unknown.
+        rotation: calibration that converts the gyroscope's readings to the trajectory's turns; None without a comparison.
+        differ_rad: robust standard deviation of the difference that remains in the turn over a scan [rad]; None without a
+            comparison.
     """
 
     source: str
@@ -69,13 +71,13 @@ class GyroscopeCheck:
 def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) -> GyroscopeCheck:
     """Compares a gyroscope with the turns of a trajectory from scan to scan.
 
-    A trajectory does not state the errors of its turns. The gyroscope is calibrated on the turns, and the remaining
-    differences are taken as the errors of the turns.
+    A trajectory does not state the errors of its turns. The gyroscope is therefore calibrated on the turns, and the
+    differences that remain are taken as the errors of the turns.
 
     Args:
         gyroscope: readings of the gyroscope.
         scans: scans of the recording.
-        trajectory: poses that cover the scans.
+        trajectory: poses of the sensor.
     """
     source = gyroscope.source
     inside = pick_stamps(scans.stamps_us, trajectory.stamps_us)
@@ -109,7 +111,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
 
 
 def judge_gyroscope(check: GyroscopeCheck) -> Finding:
-    """Returns the result of comparing a gyroscope with a trajectory as a finding."""
+    """Converts the comparison of a gyroscope with a trajectory to a finding."""
     if check.agrees is None:
         return Finding(VerdictStatus.PASS, check.statement, judged=False)
     if check.agrees:
@@ -120,9 +122,9 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
 
 
 def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the stamps [us] between which turns are compared: those of the scans, or of the poses if these are sparser.
+    """Returns the stamps (K,) [us] between which turns are compared: of the scans, or of the poses if these are sparser.
 
-    Between sparse poses a trajectory is interpolated, so its turns there are not those of the sensor.
+    Between sparse poses a trajectory is interpolated, so the turns of the sensor there are not known.
     """
     first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
     scans, poses = (np.asarray(us[(first <= us) & (us <= last)], dtype=np.int64) for us in (scans_us, poses_us))
@@ -130,7 +132,7 @@ def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDA
 
 
 def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
-    """Returns the contradictions between a gyroscope and a trajectory, in words; either of the two may be wrong."""
+    """Returns the contradictions between a gyroscope and a trajectory in words; delays count only without `own_clock`."""
     faults = []
     if rotation.sign < 0.0:
         faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")
@@ -145,9 +147,9 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
 
 
 def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> list[str]:
-    """Returns in words where a trajectory turns differently from the gyroscope for a while; an empty list if nowhere.
+    """Returns in words where a trajectory turns differently from the gyroscope for a few steps; an empty list if nowhere.
 
-    A single step, or several in a row, may differ although most steps agree.
+    A single step, or several steps in a row, may differ although most steps agree.
 
     Args:
         times: (N + 1,) times between which the turns are compared [s].
@@ -171,9 +173,9 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
 
 
 def _find_missed_turn(gyroscope: Gyroscope, start_us: int, times: NDArray[np.float64], yaws: NDArray[np.float64]) -> str:
-    """Returns in words a turn that the gyroscope surely made and the trajectory makes nowhere; an empty text if none is.
+    """Returns in words the clearest turn of the gyroscope that the trajectory nowhere makes; an empty text without any.
 
-    Turns near the ends of the trajectory do not count, since the two clocks may differ.
+    Turns near the ends of the trajectory do not count, since the clocks of the two may differ.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -207,13 +209,13 @@ def _find_missed_turn(gyroscope: Gyroscope, start_us: int, times: NDArray[np.flo
 
 
 def _describe_bias(rotation: Rotation) -> str:
-    """Returns the estimated bias of a gyroscope in words: a constant error of the trajectory's yaw rate can hide in it."""
+    """Returns the estimated bias of a gyroscope in words, since it can hide a constant drift of the trajectory's yaw."""
     rate = abs(float(np.rad2deg(rotation.bias)))
     return f"it cannot show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
 def _describe_scale(rotation: Rotation) -> str:
-    """Returns a remark on how much farther or less a trajectory turns than a gyroscope; an empty text if insignificant."""
+    """Returns a remark on how much more or less a trajectory turns than a gyroscope; an empty text if chance explains it."""
     off = rotation.scale - 1.0
     if abs(off) <= max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
         return ""
@@ -221,5 +223,5 @@ def _describe_scale(rotation: Rotation) -> str:
 
 
 def _compare_turns(off: float) -> str:
-    """Returns in words how much farther or less a trajectory turns than a gyroscope."""
+    """Returns in words that a trajectory turns by the share `off` farther (if negative, less) than a gyroscope."""
     return f"the trajectory turns {abs(off):.1%} {'farther' if off > 0.0 else 'less'} than the gyroscope"

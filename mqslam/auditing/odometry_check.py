@@ -21,8 +21,8 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 
 _SPAN_US: Final = 1_000_000  # time over which speeds are compared [us], since single motions err too much
-_FEWEST: Final = 5  # fewest stretches that show a scale
-# A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip are a few percent.
+_FEWEST: Final = 5  # fewest pairs of poses whose speeds show a scale
+# A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip change it by a few percent.
 _WRONG_SCALE: Final = 0.1
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
 _SAME_UNIT: Final = 0.1  # a ratio within this share of a unit shows it: the scale of wheels or range bins may be off, too
@@ -32,10 +32,10 @@ def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, s
     """Compares odometry with a trajectory; returns one finding per contradiction, or one finding that there is none.
 
     Args:
-        odometry: poses of the sensor, or of the vehicle: only turns and speeds are compared, not places.
+        odometry: poses of the sensor or of the vehicle, since only turns and speeds are compared.
         scans: scans of the recording.
         trajectory: poses of the sensor.
-        stated: the errors that odometry states.
+        stated: settings of odometry, with its errors.
     """
     stamps = pick_stamps(scans.stamps_us, trajectory.stamps_us)
     stamps = stamps[(odometry.stamps_us[0] <= stamps) & (stamps <= odometry.stamps_us[-1])]
@@ -62,11 +62,14 @@ def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, s
 
 
 def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
-    """Returns the speed of a trajectory over that of odometry; None if both hardly move or one of them stands still.
+    """Returns the median speed of a trajectory divided by the median speed of odometry at the same stamps.
 
     Args:
         own: the trajectory.
         given: odometry at the same stamps.
+
+    Returns:
+        the ratio; None if both hardly move, or if one of the medians is zero.
     """
     ends = np.searchsorted(own.stamps_us, own.stamps_us + _SPAN_US)
     begins = np.flatnonzero(ends < len(own.stamps_us))
@@ -79,17 +82,17 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
 
 
 def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the mean speeds (N,) [m/s] along straight lines from the poses `begins` (N,) to the poses `ends` (N,)."""
+    """Returns the mean speeds (N,) [m/s] along straight lines from the poses of N indices `begins` to those of `ends`."""
     moved = track.poses[ends, :2] - track.poses[begins, :2]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
 
 
 def is_wrong_scale(ratio: float) -> bool:
-    """Returns whether a ratio of two scales is too far from 1."""
+    """Returns whether a ratio of two scales differs from 1 by more than the factor 1 + `_WRONG_SCALE`."""
     return not 1.0 / (1.0 + _WRONG_SCALE) <= ratio <= 1.0 + _WRONG_SCALE
 
 
 def name_unit(ratio: float) -> str:
-    """Returns ", as if its speeds were in" and the unit that explains a ratio of speeds; an empty text if no unit does."""
+    """Returns ", as if its speeds were in" and the unit of odometry that explains a ratio of speeds, or an empty text."""
     units = (unit for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT)
     return next((f", as if its speeds were in {unit}" for unit in units), "")

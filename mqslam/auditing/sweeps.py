@@ -1,4 +1,4 @@
-"""The points that an audit judges, placed by a trajectory and divided into sweeps; a sweep of a recording is a scan."""
+"""Places the points that an audit judges by a trajectory, divided into sweeps; a sweep of a recording is a scan."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ _COVERAGE_SLACK = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Sweeps:
-    """The points of successive scans, or of the sweeps of a finished cloud, in the world frame.
+    """The points of successive scans, or of the sweeps of a finished cloud, in the map's frame.
 
     Args:
-        points: (N, 2) m, ordered by time.
+        points: (N, 2) positions of the points [m], ordered by time.
         covariances: (N, 3) xx, xy, yy [m^2] of each point.
-        turns: (N,) time at which each point was seen, in sweeps: the same direction is seen again 1 later.
-        begins: (S + 1,) index of every sweep's first point; the last entry is N.
-        numbers: (S,) time at which each sweep starts, in sweeps like `turns`.
+        turns: (N,) time at which each point was seen, counted in sweeps: it grows by 1 in one turn of the sensor.
+        begins: (S + 1,) index of the first point of each of S sweeps; the last entry is N.
+        numbers: (S,) time at which each sweep starts, counted in sweeps like `turns`.
         times: (S,) start of each sweep [s] since the recording's start.
-        poses: (S, 3) pose of the sensor at the start of each sweep.
+        poses: (S, 3) pose x, y [m], yaw [rad] of the sensor at the start of each sweep.
         travelled: (S,) length of the path up to each sweep [m].
-        doubt_m: (S,) how far interpolation between given poses may have moved the points of each sweep [m].
+        doubt_m: (S,) distance by which interpolation between given poses may have moved the points of each sweep [m].
         revolution_s: usual duration of a sweep [s].
-        track: the trajectory as it was given. None for a cloud without a trajectory; its poses are then the mean points of
-            its sweeps.
+        track: the trajectory as it was given. None for a cloud without a trajectory, where `poses` are the mean points of
+            the sweeps.
         is_finished: whether the points were placed already, as in a finished cloud.
-        is_of_lidar: whether a lidar has seen the points, in each sweep in the order of its beams.
+        is_of_lidar: whether a lidar has seen the points; the points of a sweep are then in the order of the lidar's beams.
     """
 
     points: NDArray[np.float64]
@@ -66,11 +66,11 @@ class Sweeps:
         return slice(int(self.begins[begin]), int(self.begins[end]))
 
     def doubt(self, stretches: Iterable[Sequence[int]]) -> float:
-        """Returns how far interpolation between given poses may have moved stretches of sweeps against each other [m]."""
+        """Returns the distance [m] by which interpolation may have moved stretches of sweeps relative to each other."""
         return float(sum(self.doubt_m[list(stretch)].max() for stretch in stretches))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
-        """Returns the points of the `chosen` sweeps in a frame (3,), with `turns` as their times."""
+        """Returns the points of the `chosen` sweeps in the frame of a pose (3,) [m, m, rad], with `turns` as their times."""
         parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
         covariances = rotate_covariances(self.covariances[picked], -frame[2])
@@ -83,9 +83,9 @@ class Sweeps:
         """Returns the middles between the points of neighbouring beams of a lidar that are at most `apart_m` [m] apart.
 
         Args:
-            chosen: the sweeps.
-            frame: (3,) the frame of the result.
-            apart_m: points that are farther apart are taken to lie on two surfaces.
+            chosen: numbers of the sweeps.
+            frame: (3,) pose x, y [m], yaw [rad] in the map's frame; the middles are in the frame of this pose.
+            apart_m: points that are farther apart than this [m] are taken to lie on two surfaces.
         """
         seen = self.local(chosen, frame)
         sweep = np.repeat(np.arange(len(chosen)), [int(self.begins[k + 1] - self.begins[k]) for k in chosen])
@@ -142,7 +142,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
 
 
 def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Returns the indices of the scans that a trajectory covers, of which there must be at least two.
+    """Returns the indices of the scans that a trajectory covers, and requires at least two.
 
     Args:
         scans: scans of a recording.
@@ -168,7 +168,7 @@ def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
 
 
 def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Returns the indices of the scans that a trajectory covers, with a slack of `_COVERAGE_SLACK` at either end."""
+    """Returns the indices of the scans that a trajectory covers, up to `_COVERAGE_SLACK` revolutions beyond its ends."""
     slack_us = round(1e6 * _COVERAGE_SLACK * scans.revolution_s)
     spans = _stamp_spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]

@@ -1,1 +1,1 @@
-"""Mending: corrects a trajectory by what its audit has found, in a pose graph."""
+"""Mends a trajectory: corrects the errors that its audit has found, in a pose graph."""

@@ -1,9 +1,9 @@
-"""Ties along the path: registrations of nearby places, which correct psi's motions before any loop is searched for.
+"""Corrects psi's motions by ties along the path, before loops are searched; a tie is a measured motion between nearby scans.
 
-Odometry matches a scan to a map that contains its own errors, so a scan with a wrong yaw turns all later ones. The
-registrations that an audit would make show such errors: those of the two sides of every step and of the two ends of every
-span. Both kinds of registrations correct the motions. The covariances of the motions stay the same, since the ties come from
-the same returns, and a tie has no more weight than the motions between its ends.
+psi matches each scan to a map that holds the errors of earlier scans, so a scan with a wrong yaw turns all later scans. The
+registrations of an audit show such errors: of the two sides of every step, and of the two ends of every span. They are the
+ties. A tie comes from the same returns as the motions, so the covariances of the motions stay the same, and a tie has no
+more weight than the motions between its ends.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from mqslam.execution.kept import ALONG
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
-_CHANCE: Final = 1e-3  # steps with a smaller p-value than this are registered at the places beside them, too
-_DENSER: Final = 3  # factor on an audit's number of spans, which suffices to show a fault: more spans leave less to chance
+_CHANCE: Final = 1e-3  # beside a step with a smaller p-value than this, the places between steps are registered, too
+_DENSER: Final = 3  # factor on the number of spans in an audit: more spans make the correction more accurate
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:
@@ -41,12 +41,12 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     Args:
         scans: scans of the recording.
         trajectory: poses of all scans.
-        config: all settings; those of the audit say what is registered.
+        config: all settings; the settings of the audit say what is registered.
         beam: the sensor's errors.
         runner: where scans are registered; the result does not depend on it.
 
     Returns:
-        the motions, first those across steps and then those through spans.
+        the motions, first across steps and then through spans; the numbers of their scans count all scans.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     shared, known = (sweeps, config.audit, config.estimator), np.ones(len(sweeps), dtype=np.bool_)
@@ -71,7 +71,7 @@ def straighten(
         scans: scans of the recording.
         config: all settings.
         beam: the sensor's errors.
-        runner: where scans are registered; it stores the ties.
+        runner: where scans are registered and the ties are stored.
     """
     alone = Problem(measurements, [])
     track = Trajectory(scans.stamps_us, alone.solve_poses([]))
@@ -84,9 +84,9 @@ def straighten(
 def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loop]:
     """Returns the ties, each with the covariance of the chained motions between its ends.
 
-    Ties and motions are measured from the same returns. psi's curvature does not show the errors that they have in common
-    (objects show other faces when they are seen from elsewhere), so where returns have little noise, their covariances
-    would be far too small.
+    psi's curvature gives a tie a covariance that is far too small where returns have little noise. It does not show the
+    errors that ties and motions have in common: both are measured from the same returns, and objects show other faces when
+    they are seen from elsewhere.
 
     Args:
         ties: ties between scans of one path.

@@ -1,4 +1,7 @@
-"""Converts the measurements of an audit for a pose graph: ties from windows, steps and spans, loops from revisits, noise."""
+"""Converts an audit to parts of a pose graph: ties from windows, steps and spans, loops from revisits, noise of the steps.
+
+A `StepAudit` is a judged place between two scans. Any other step is a trajectory's motion from one scan to the next scan.
+"""
 
 from __future__ import annotations
 
@@ -27,21 +30,21 @@ from mqslam.core.measurement import Loop
 from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.progress import Progress, count_items
 
-_LINE_MISS: Final = 0.2  # by definition: share of a random walk's variance that a line through the walk misses at its ends
+_LINE_MISS: Final = 0.2  # by definition: a line fitted to a random walk misses this share of its variance at the ends
 _ANYWHERE_M2: Final = 1e6  # numerical: variance of an unknown position [m^2]
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
 
 
 def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: bool = False) -> list[Tie]:
-    """Returns the motions through windows by psi, from the first sweep of each window to its last.
+    """Returns psi's motions through windows, each from the first sweep of a window to its last sweep.
 
-    Windows that are undecided, that hold a jump, or whose error of speed is beyond what they can measure are left out: no
-    twist describes them.
+    Windows are left out if they are undecided, contain a jump, or have an error of speed that is too large for a window to
+    measure, since the twist of such a window is wrong.
 
     Args:
         audit: audit of the trajectory.
         sweeps: points under the trajectory.
-        jumps: the first sweeps after jumps.
+        jumps: numbers of the first sweeps after jumps.
         torn: whether to return only the motions through torn windows.
     """
     return [
@@ -55,7 +58,7 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: b
 
 
 def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
-    """Returns the motion from a window's first sweep to its last: the trajectory's, corrected as the window asks for."""
+    """Returns the motion from a window's first sweep to its last sweep by the trajectory, with the window's correction."""
     a, b, numbers = window.begin, window.end - 1, sweeps.numbers
     frame = sweeps.poses[(window.begin + window.end) // 2]  # the frame that `centre_window` takes
     middle = 0.5 * (numbers[a] + numbers[b] + 1.0)
@@ -68,11 +71,11 @@ def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
 
 
 def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-    """Returns the ties of windows with larger covariances: a constant twist misses a part of the varying errors of steps.
+    """Returns the ties of windows with larger covariances, since a constant twist does not follow errors that vary.
 
     Args:
         ties: ties of windows.
-        variances: (3,) variances of the error of a step.
+        variances: (3,) variances of the error of a step [m^2, m^2, rad^2].
     """
     return [tie._replace(covariance=tie.covariance + _LINE_MISS * (tie.b - tie.a) * np.diag(variances)) for tie in ties]
 
@@ -82,14 +85,14 @@ def allow_for_turns(
 ) -> NDArray[np.float64]:
     """Returns the variances (N, 3) of steps, enlarged by the errors of their yaw that the scans show.
 
-    Wheels show little of how a robot turns on the spot, so one variance does not fit all of its steps. It is not known where
-    in a step the yaw goes wrong, so the end of the step may be off to a side as if the whole step were turned.
+    Wheels measure turns on the spot badly, so one variance does not fit all steps. The yaw may go wrong anywhere within a
+    step, so the end of the step may be off to a side as if the whole step were turned.
 
     Args:
-        variances: (N, 3) variances of the errors of steps.
-        steps: (N, 3) motions from each scan to the next.
-        places: (K,) numbers of the steps whose turns the scans show.
-        misses: (K, 3) differences between the motions by the scans and these steps.
+        variances: (N, 3) variances of the errors of steps [m^2, m^2, rad^2].
+        steps: (N, 3) motions from each scan to the next [m, m, rad].
+        places: numbers of the K steps whose turns the scans show.
+        misses: (K, 3) differences between the motions by the scans and these steps [m, m, rad].
     """
     wider = variances.copy()
     lengths = np.hypot(*steps[places, :2].T)
@@ -98,17 +101,17 @@ def allow_for_turns(
 
 
 def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]) -> dict[int, Tie]:
-    """Returns the motions across steps by psi, from the middle scan before each step to the middle scan after it.
+    """Returns psi's motions across steps, from the middle scan before each step to the middle scan after the step.
 
-    Steps whose two sides may also fit elsewhere are left out, and steps with a jump within either side, too.
+    Steps whose two sides may also fit elsewhere, and steps with a jump within one side, are left out.
 
     Args:
-        steps: steps of the trajectory.
+        steps: judged places between successive scans.
         sweeps: points under the trajectory.
-        jumps: the first sweeps after jumps.
+        jumps: numbers of the first sweeps after jumps.
 
     Returns:
-        the ties; the key of each tie is the first sweep after its step.
+        the ties, each by the number of the first sweep after its step.
     """
     judged = [step.registration for step in steps if np.isfinite(step.p_value)]
     if not judged:
@@ -121,12 +124,12 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
 
 
 def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
-    """Returns the motions through spans by psi. Spans that hold a jump are left out, since the jump has a tie of its own.
+    """Returns psi's motions through spans. Spans that contain a jump are left out, since the jump has a tie of its own.
 
     Args:
-        spans: spans of the trajectory.
+        spans: spans of the trajectory; those without a p-value are left out, too.
         sweeps: points under the trajectory.
-        jumps: the first sweeps after jumps.
+        jumps: numbers of the first sweeps after jumps.
     """
     return [
         _tie_step(span.registration, span.covariance, sweeps, 0)
@@ -136,7 +139,7 @@ def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]
 
 
 def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
-    """Returns whether any jump lies within a span, the scans around its ends included."""
+    """Returns whether any jump (number of the first sweep after it) lies within a span or the scans around its ends."""
     begin, end = pick_ends((registration.earlier, registration.later))
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 
@@ -155,16 +158,16 @@ def register_successive(shared: Shared, engine: Engine, progress: Progress) -> l
 
 
 def _register_scan(shared: Shared, place: int) -> Registration | None:
-    """Registers a scan on the one before it."""
+    """Registers the scan `place` on the scan before it; None if either has too few points."""
     sweeps, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
     return register(sweeps, (place - 1, place), ([place - 1], [place]), reach, ask_of_single_scans(settings), estimator)
 
 
 def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
-    """Returns the changes of yaw between successive scans by psi, as ties that leave the position unknown.
+    """Returns psi's changes of yaw between successive scans, as ties that leave the position unknown.
 
-    Single scans show the yaw better than odometry does, but slide along corridors, so their positions are not used.
+    Single scans show the yaw better than odometry does. Along corridors they do not show the position, so it is not used.
 
     Args:
         pairs: registrations of scans on the scans before them.
@@ -180,7 +183,10 @@ def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
 
 
 def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
-    """Returns the motion across a registration, from `half` scans before its earlier scan to `half` after its later one."""
+    """Returns the motion from the scan `half` scans before a registration's earlier scan to the scan `half` after its later.
+
+    Its covariance follows from `covariance` (3, 3), the covariance of the registration's offset in the later scan's frame.
+    """
     a, b = registration.earlier - half, registration.later + half
     before = se2.between(sweeps.poses[a], sweeps.poses[registration.earlier])
     place = se2.compose(se2.compose(before, registration.between), registration.offset)
@@ -192,7 +198,7 @@ def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweep
 
 
 def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
-    """Returns a revisit as a loop, with the covariance of the measurement but without the trajectory's stated covariance.
+    """Converts a revisit to a loop, whose covariance does not contain the covariance that the trajectory states.
 
     Args:
         revisit: the judged revisit.
@@ -207,15 +213,15 @@ def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
 
 
 def keep_plausible(ties: Sequence[Tie], chain: se2.Array, variances: NDArray[np.float64]) -> list[Tie]:
-    """Returns the ties that the errors of the steps between their ends explain.
+    """Returns the ties whose difference to the steps is explained by the errors of the tie and of the steps.
 
     If these errors explain only the yaw of a tie, the tie is returned with its yaw alone. Scans of a corridor also fit
     elsewhere along the corridor, but at no other angle.
 
     Args:
         ties: measured motions.
-        chain: (N, 3) poses that follow from the steps.
-        variances: (N - 1, 3) variances of the errors of the steps.
+        chain: (N, 3) chained steps: poses x, y [m], yaw [rad] in the map's frame.
+        variances: (N - 1, 3) variances of the errors of the steps [m^2, m^2, rad^2].
     """
     kept = []
     for tie, miss in zip(ties, measure_misses(ties, chain), strict=True):
@@ -233,16 +239,16 @@ def _keep_yaw(tie: Tie) -> Tie:
 
 
 def measure_misses(ties: Sequence[Tie], chain: se2.Array) -> NDArray[np.float64]:
-    """Returns the differences (K, 3) between ties and a chain of poses (N, 3), in the frames of the ties' earlier scans."""
+    """Returns K ties minus the motions of a chain of poses (N, 3): (K, 3) [m, m, rad], in the frame of each earlier scan."""
     return np.array([se2.subtract(tie.pose, se2.between(chain[tie.a], chain[tie.b])) for tie in ties]).reshape(-1, 3)
 
 
 def estimate_variances(ties: Sequence[Tie], misses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimates robustly the variances (3,) of the error of a step: all differences to ties count as noise of the steps.
+    """Estimates the variances (3,) [m^2, m^2, rad^2] of the error of a step robustly from the differences to ties.
 
     Args:
-        ties: ties of windows.
-        misses: (K, 3) differences between the ties and the chained steps.
+        ties: K ties of windows, whose own errors are neglected.
+        misses: (K, 3) differences between the ties and the chained steps [m, m, rad].
     """
     if not ties:
         return np.full(3, _LEAST_VARIANCE)
