@@ -1,11 +1,11 @@
-"""Mends a trajectory by its own audit in rounds: each round puts the findings of the latest audit into a pose graph.
+"""Mends a trajectory by its own audit in rounds: each round puts the results of the latest audit into a pose graph.
 
-The steps of the given trajectory are the odometry of the pose graph, corrected for biases of the whole map. Jumps, torn
-windows and torn spans are replaced by psi's motions. If too many windows are torn, the odometry is noisy. Then all windows
-and steps tie nearby scans to each other, and registrations of successive scans show how the yaw of the sensor changes. Yaw
-is what odometry knows least, so each step's yaw is taken to be wrong by at least as much as it differs from the scans.
-Revisits that are sure and agree with each other are the loops. A trajectory that is off by more than the search for revisits
-reaches shows few revisits, and more of them once it is mended: hence the rounds. A trajectory that passes is left as it is.
+The steps of the given trajectory (its motions from scan to scan) are the odometry of the pose graph, corrected for a bias of
+the whole trajectory. At jumps, torn windows and torn spans, the steps get larger variances and psi's motions join the graph.
+If too many windows are torn, the odometry is noisy. Then psi's motions through all windows and across all steps join the
+graph, and registrations of successive scans show how the yaw changes. Odometry measures the yaw worst, so the error of a
+step's yaw is taken to be at least its difference from the scans. Revisits that are sure and agree with each other are the
+loops. A better trajectory shows more revisits, so several rounds follow. A trajectory that passes is not mended.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from mqslam.core.engine import Engine
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.progress import Progress
 
-# Largest number of rounds of mending a trajectory and auditing it again. A further round follows only if the mended
-# trajectory does not pass yet, but has more whole revisits or fewer torn windows than the trajectory before.
+# Largest number of rounds, each of which mends the trajectory and audits the result. A further round follows only if the
+# result does not pass, but has more whole revisits or fewer torn windows than the trajectory before.
 _ROUNDS = 5
 
 
@@ -54,7 +54,7 @@ class AuditedTrajectory:
     Args:
         trajectory: poses of the sensor.
         sweeps: points under the trajectory.
-        audit: the audit of these points.
+        audit: audit of the sweeps.
     """
 
     trajectory: Trajectory
@@ -73,7 +73,7 @@ class AuditedTrajectory:
 
     @property
     def rank(self) -> tuple[int, int, int]:
-        """How bad the map is: by its verdict, then by how few revisits are whole, then by how many windows are torn."""
+        """How bad the map is: compared first by the verdict, then by whole revisits, then by torn windows; low is good."""
         return -GRAVEST_FIRST.index(self.audit.verdict.status), -self.whole, self.torn
 
 
@@ -82,12 +82,12 @@ class Mended:
     """The result of mending a trajectory.
 
     Args:
-        result: the mended trajectory and its audit; the given ones where nothing is to be mended.
+        result: the mended trajectory and its audit; the given trajectory and audit if there is nothing to mend.
         rounds: number of rounds that led to the result.
-        ties: number of ties between nearby scans in the result's pose graph.
+        ties: number of ties (measured motions between nearby scans) in the result's pose graph.
         loops: number of revisits in the result's pose graph.
         moved_m: largest distance between a pose of the result and the given pose [m].
-        stretch: length of the path of the result over that of the given trajectory.
+        stretch: length of the mended path divided by the length of the given path.
         is_worse: whether the result is judged worse than the given trajectory.
     """
 
@@ -110,8 +110,8 @@ def mend(
 ) -> Mended:
     """Mends a trajectory by its audit.
 
-    The mended trajectory has the stamps of the given one. Between the scans it moves as the given one does, so a map that is
-    rendered with it keeps its detail, and nothing is made up in a gap.
+    The mended trajectory has the stamps of the given trajectory, and the same motions between the scans. A map that is
+    rendered with it keeps its detail, and no motion is invented in a gap.
 
     Args:
         given: the trajectory and its audit.
@@ -122,7 +122,7 @@ def mend(
         progress: called as scans are registered.
 
     Returns:
-        The best result of all rounds; its first pose is where it was given.
+        The best result of all rounds; the pose of the first scan stays as it was given.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -151,12 +151,12 @@ def mend(
 
 
 def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
-    """Returns a trajectory in which each pose is moved in the same way as the sweeps before and after it.
+    """Returns a trajectory in which each pose is corrected like the sweeps before and after it, interpolated in time.
 
     Args:
         given: the trajectory.
         sweeps: points under the trajectory.
-        poses: (S, 3) mended poses of the sweeps.
+        poses: (S, 3) mended poses x, y [m], yaw [rad] of the sweeps, in the map's frame.
     """
     assert sweeps.track is not None
     times, before, own = sweeps.times, sweeps.poses, sweeps.track.times
@@ -171,7 +171,7 @@ def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
 
 
 class _Mender:
-    """Mends a trajectory in rounds. It keeps what stays the same in all rounds: steps, noise, jumps and torn places.
+    """Solves the pose graph of each round of mending; holds what all rounds share: steps, noise, jumps and torn places.
 
     Args:
         given: the trajectory and its audit.
@@ -195,8 +195,8 @@ class _Mender:
             for step in given.audit.jumps
             if not self._is_noisy or np.hypot(*step.registration.offset[:2]) > config.audit.jump_m
         }
-        self._across: dict[int, Tie] = {}  # ties across jumps, each from the last round that is sure of the tie
-        self._pairs: dict[int, Registration] = {}  # registrations of successive scans, from the round of best fit
+        self._across: dict[int, Tie] = {}  # ties across jumps, each from the last round that measured it
+        self._pairs: dict[int, Registration] = {}  # registrations of successive scans, each from the round with the best psi
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
@@ -235,7 +235,7 @@ class _Mender:
         return poses, len(ties), len(kept)
 
     def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
-        """Returns the changes of yaw between successive scans as ties, each from the round in which its scans fit best."""
+        """Returns psi's changes of yaw between successive scans as ties, each from the round in which the scans fit best."""
         shared = sweeps, self._config.audit, self._config.estimator
         for pair in register_successive(shared, self._engine, self._progress):
             best = self._pairs.get(pair.earlier)
@@ -244,7 +244,7 @@ class _Mender:
         return tie_scans(list(self._pairs.values()), sweeps)
 
     def _list_variances(self) -> NDArray[np.float64]:
-        """Returns the variances (S - 1, 3) of the steps: noise, and more where a step, a window or a span is torn."""
+        """Returns the variances (S - 1, 3) [m^2, m^2, rad^2] of the steps: noise, and more at jumps and torn places."""
         variances = np.tile(self._noise, (len(self._steps), 1))
         for place, offset in self._jumps.items():
             variances[place - 1] += offset**2
@@ -255,7 +255,7 @@ class _Mender:
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:
-    """Returns steps (N, 3) corrected for a bias per metre (3,): forward, to the left and in yaw."""
+    """Returns steps (N, 3) [m, m, rad] corrected for a bias (3,) per metre: forward, to the left [m/m], in yaw [rad/m]."""
     forward, left, turn = bias
     x, y, yaw = steps.T
     return np.column_stack([x + forward * x - left * y, y + forward * y + left * x, yaw + turn * np.hypot(x, y)])

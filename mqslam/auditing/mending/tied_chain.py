@@ -1,4 +1,4 @@
-"""The pose graph that mends a trajectory: its own steps as odometry, measured ties between nearby scans, and loops."""
+"""Solves the pose graph that mends a trajectory, with the trajectory's steps, ties between nearby scans, and loops."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.factors.between import loop_between, psi_between
 
-_ROUNDS: Final = 5  # numerical: most rounds in which the scale of the errors is learnt from the loops; it settles in fewer
+_ROUNDS: Final = 5  # numerical: most rounds in which loops correct the scale of the errors; fewer rounds settle the scale
 _SETTLED: Final = 1.1  # numerical: a scale that grows by less than this factor has settled
-_MEDIAN: Final = float(chi2.ppf(0.5, 3))  # by definition: median of a loop's squared distance in units of its covariance
+_MEDIAN: Final = float(chi2.ppf(0.5, 3))  # by definition: median of the squared error of a loop in units of its covariance
 
 
 class Tie(NamedTuple):
     """The measured pose of a scan in the frame of a scan shortly before it.
 
     Args:
-        a, b: numbers of the earlier and the later scan.
-        pose: (3,) of b in the frame of a [m, m, rad].
-        covariance: (3, 3) of the pose, in the frame of a.
+        a, b: numbers of the earlier scan and of the later scan.
+        pose: (3,) pose of scan b in the frame of scan a [m, m, rad].
+        covariance: (3, 3) covariance of the pose, in the frame of scan a.
     """
 
     a: int
@@ -44,10 +44,10 @@ class TiedChain:
 
     Args:
         steps: (N - 1, 3) motions from each scan to the next by the trajectory [m, m, rad].
-        variances: (N - 1, 3) variances of the errors of these motions, in the frames that they begin in.
+        variances: (N - 1, 3) variances of the errors of the steps [m^2, m^2, rad^2], each in the frame of the earlier scan.
         ties: measured poses of scans in the frames of earlier scans.
-        initial: (N, 3) poses to start from; the first one is held fixed.
-        least_path_m: path [m] within which two loops are neighbours, which must agree.
+        initial: (N, 3) poses x, y [m], yaw [rad] from which the optimisation starts; the first pose is held fixed.
+        least_path_m: two loops within this path [m] of each other are neighbours and must agree.
     """
 
     steps: se2.Array
@@ -57,10 +57,13 @@ class TiedChain:
     least_path_m: float
 
     def solve(self, loops: Sequence[Loop]) -> tuple[se2.Array, list[Loop]]:
-        """Returns the poses (N, 3), optimised over steps, ties and the loops that agree with each other, and these loops.
+        """Optimises the poses over steps, ties and those loops that agree with each other.
 
         Errors that grow slowly show only in loops. If the loops are farther off than the errors of steps and ties explain,
-        the variances of all steps and ties are scaled up by as much.
+        the variances of all steps and ties are multiplied by the factor that explains them.
+
+        Returns:
+            The poses (N, 3) x, y [m], yaw [rad], and the loops that were used.
 
         Raises:
             EstimationError: the uncertainty of the poses cannot be computed.
@@ -89,7 +92,7 @@ class TiedChain:
         return replace(self, variances=self.variances * factor, ties=ties)
 
     def _optimise(self, loops: Sequence[Loop]) -> Chain:
-        """Returns the poses, optimised over steps, ties and given loops, with the graph that tells their covariances."""
+        """Returns the poses, optimised over steps, ties and given loops, with the graph that gives their covariances."""
         factors = [
             psi_between(X(k), X(k + 1), step, np.diag(own))
             for k, (step, own) in enumerate(zip(self.steps, self.variances, strict=True))

@@ -1,1 +1,1 @@
-"""Spans: registrations of scans some tens of metres of path apart, and the errors of a trajectory that they show."""
+"""Registers scans with some tens of metres of path between them (spans), and estimates the errors that spans show."""

@@ -1,10 +1,10 @@
-"""Measures the spans of a map: pairs of places some path apart, of which the later one is registered on the earlier one.
+"""Measures the spans of a map: the scans at the end of a stretch of path are registered on the scans at its begin.
 
 Registered scans seem a little closer together than they are, by an amount that does not depend on the path between them. A
 span is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it sees other
-faces of objects, which are wrongly matched with each other. Such errors occur within a span as well, and are larger than
-psi's curvature tells. Each span is therefore measured several times, with other scans at its ends. Its offset is the median,
-and the differences between the repeated measurements show how uncertain it is.
+faces of objects, which are wrongly matched with each other. Such errors also occur within a span, and are larger than the
+covariance from psi's curvature. Each span is therefore measured several times, with different scans at its ends. The offset
+of the span is the median of these measurements, and their differences show how uncertain the offset is.
 """
 
 from __future__ import annotations
@@ -26,22 +26,21 @@ from mqslam.core.stored import release
 from mqslam.execution.progress import Progress, count_items
 from mqslam.mapping.keyframing import pick_spaced
 
-# Spans shorter than this [m] show no scale: registered scans seem closer together than they are by a few centimetres,
-# whatever the path between them.
+# Spans shorter than this [m] show no scale, since registered scans seem a few centimetres closer together than they are.
 _SPAN_LEAST_M = 15.0
 # Length of a span [m]: the path between the scans that are registered. Spans are shorter if half of the points are seen at
 # shorter ranges than this.
 SPAN_M = 30.0
-# Path from the begin of one span to the begin of the next, as a share of the length of a span.
+# Path from the begin of one span to the begin of the next span, as a share of the length of a span.
 _EVERY = 0.5
 
-_SWEEPS: Final = 500  # number of sweeps whose ranges are computed at a time: a matter of memory only
+_SWEEPS: Final = 500  # number of sweeps whose ranges are computed at a time, to limit the memory
 
 
 def register_spans(
     shared: Shared, known: NDArray[np.bool_], engine: Engine, progress: Progress, denser: float = 1.0
 ) -> list[Registration]:
-    """Registers the spans of a map; returns in order those that constrain every direction and whose ends are well apart.
+    """Registers the spans of a map; leaves out spans that do not constrain every direction or whose ends are close together.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
@@ -60,7 +59,7 @@ def register_spans(
 
 
 def _leads_away(span: Registration, span_m: float) -> bool:
-    """Returns whether the ends of a span are at least half as far apart as the path between them is long."""
+    """Returns whether the ends of a span are at least half of the length `span_m` [m] apart."""
     return bool(np.hypot(*span.between[:2]) >= 0.5 * span_m)
 
 
@@ -71,7 +70,7 @@ def fit_to_reach(sweeps: Sweeps) -> float:
 
 
 def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
-    """Yields the distances [m] of points from the sensor at the start of their sweeps, for some sweeps at a time."""
+    """Yields the distances [m] of the points of `_SWEEPS` sweeps at a time from the sensor at the start of each sweep."""
     for begin in range(0, len(sweeps), _SWEEPS):
         end = min(begin + _SWEEPS, len(sweeps))
         of_sweep = np.repeat(np.arange(begin, end), np.diff(sweeps.begins[begin : end + 1]))
@@ -80,7 +79,7 @@ def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
 
 
 def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.0) -> list[tuple[int, int]]:
-    """Finds pairs of sweeps (earlier, later) with the path of a span between them, evenly spread over the path.
+    """Returns pairs (earlier, later) of numbers of sweeps with the path of a span between them, evenly spread over the path.
 
     Args:
         travelled: (N,) length of the path up to each sweep [m].
@@ -92,12 +91,15 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
     earlier = pick_spaced(travelled, _EVERY * span_m / denser)
     later = np.searchsorted(travelled, travelled[earlier] + span_m)
     ends = travelled[np.minimum(later, len(travelled) - 1)]
-    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * span_m)  # no jump in between
+    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * span_m)  # else a jump lies in between
     return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
 def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[int, int]) -> Registration | None:
-    """Registers a span with the scans at its ends, just before them and just after them; None if the ends are unusable."""
+    """Registers a span with the scans at its ends, and again with the scans just before and just after these.
+
+    Returns None if the scans at the ends hold too few points or do not constrain every direction, or are close together.
+    """
     (sweeps, settings, estimator), known, span_m = given
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
@@ -120,7 +122,10 @@ def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
 
 
 def _carry_over(repeat: Registration, registration: Registration, sweeps: Sweeps) -> se2.Array:
-    """Returns the offset (3,) of a span by a registration of scans next to it, carried over along the trajectory."""
+    """Converts the offset of `repeat`, which registers scans next to a span's ends, to the offset (3,) of the span itself.
+
+    The trajectory gives the motions between these scans and the ends of the span.
+    """
     seen = se2.compose(repeat.between, repeat.offset)
     begin = se2.between(sweeps.poses[registration.earlier], sweeps.poses[repeat.earlier])
     end = se2.between(sweeps.poses[repeat.later], sweeps.poses[registration.later])
@@ -128,6 +133,6 @@ def _carry_over(repeat: Registration, registration: Registration, sweeps: Sweeps
 
 
 def pick_ends(pair: tuple[int, int]) -> tuple[range, range]:
-    """Returns the sweeps around the begin of a span and those around its end."""
+    """Returns the numbers of the sweeps around the begin of a span (earlier, later), and of the sweeps around its end."""
     begin, end = (k - STEP_SCANS // 2 for k in pair)
     return range(begin, begin + STEP_SCANS), range(end, end + STEP_SCANS)
