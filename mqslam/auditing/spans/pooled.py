@@ -1,9 +1,9 @@
-"""Pooled corrections: errors that are the same all along a drive, estimated from all spans of the map together.
+"""Estimates errors that are the same all along a drive from all spans of the map together (pooled corrections).
 
-A small error of a trajectory's scale, direction of travel or yaw rate is small everywhere, so no single place shows that it
-matters. But all spans along the drive agree on it. The trajectory of a point beside the sensor is off only in turns, and
-there all spans agree as well: a turn by the rotation matrix R moves a sensor with the lever arm l by l - R^T l more. A
-trajectory with late stamps is off where the speed or the rate of turn changes.
+A small error of a trajectory's scale, direction of travel or yaw (a bias) is small in every span, so no single span shows
+that it matters. But all spans along the drive agree on it. The lever arm is the position of the sensor relative to the point
+that the trajectory describes. It matters only in turns: a turn by the rotation matrix R moves a sensor with the lever arm l
+by l - R^T l more than this point. Late stamps (a delay) matter where the speed or the rate of turn changes.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from mqslam.auditing.spans.robust import HUBER, fit_by_jackknife, fit_effects, m
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
 
-# At least this many spans are needed to show a bias, or how far off a span usually is.
+# Fewest spans that show a bias, or the usual error of a span.
 SPAN_FEWEST = 15
 # Standard deviations [m, rad], over 100 m of path, of the drift of psi itself, which repeated measurements of spans do not
-# show; 0 to 0.09 m and 0.0004 to 0.0024 rad were found in simulated cities.
+# show. In simulated cities the drift was 0 to 0.09 m and 0.0004 to 0.0024 rad.
 OWN_DRIFT_M, OWN_DRIFT_RAD = 0.05, 0.0015
-_OWN_YAW: Final = OWN_DRIFT_RAD / 10.0  # [rad] per root of a metre
+_OWN_YAW: Final = OWN_DRIFT_RAD / 10.0  # [rad] per square root of a metre
 
-# At least this many turns of the vehicle are needed to show where on it the sensor sits.
+# Fewest turns of the vehicle that show the lever arm of the sensor.
 _LEVER_TURNS = 3
 
-# A span that turns by more than this [rad] shows where on the vehicle the sensor sits.
+# A span shows the lever arm if it turns by more than this [rad].
 _LEVER_TURN_RAD = 0.3
 
 
@@ -43,7 +43,7 @@ class Delay:
     Args:
         seconds: the delay, negative if the stamps are early.
         sigma: standard deviation of the delay [s].
-        p_value: probability of measuring a delay as large as this where there is none.
+        p_value: probability of measuring a delay this large if there is none.
     """
 
     seconds: float
@@ -56,9 +56,9 @@ class Lever:
     """The lever arm of the sensor.
 
     Args:
-        arm: (2,) position of the sensor [m], ahead and to the left of where the trajectory has it.
+        arm: (2,) distances of the sensor ahead of its place by the trajectory, and to the left of this place [m].
         sigma: (2,) standard deviations of the arm [m].
-        p_value: (2,) probability of measuring an arm as long as this where there is none.
+        p_value: (2,) probability of measuring an arm this long on each axis if there is none.
         turns: number of turns of the vehicle that show the arm.
     """
 
@@ -73,12 +73,13 @@ class Pooled:
     """The errors of a whole trajectory that all spans of its map show together.
 
     Args:
-        bias: (3,) motion that the trajectory lacks forward [m/m], to the left [m/m] and in yaw to the left [rad/m].
+        bias: (3,) motion per metre of path that is missing from the trajectory: forward [m/m], to the left [m/m] and in yaw,
+            counter-clockwise [rad/m].
         sigma: (3,) standard deviations of the bias.
-        p_value: (3,) probability of measuring a bias as large as this where there is none.
-        spans: number of spans from which the corrections were estimated.
+        p_value: (3,) probability of measuring a bias this large on each axis if there is none.
+        spans: number of spans from which the errors were estimated.
         delay: how late the stamps of the trajectory are.
-        lever: lever arm of the sensor; None where too few turns show it.
+        lever: lever arm of the sensor; None if too few turns show it.
     """
 
     bias: NDArray[np.float64]
@@ -126,9 +127,9 @@ def predict_offsets(
     Args:
         spans: N spans.
         twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
-        bias: (3,) bias of the trajectory.
-        lever: lever arm of the sensor; None where there is none.
-        delay: delay of the trajectory's stamps; None where there is none.
+        bias: (3,) bias of the trajectory as in `Pooled` [m/m, m/m, rad/m].
+        lever: lever arm of the sensor, or None.
+        delay: delay of the trajectory's stamps, or None.
     """
     offsets = bias[2] * effects.of_turn(spans)
     offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
@@ -140,15 +141,15 @@ def predict_offsets(
 
 
 def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> tuple[float, float, float]:
-    """Returns the slope of offsets over lengths, its standard deviation and its p-value.
+    """Returns the slope of offsets over lengths, the slope's standard deviation and its p-value.
 
-    The slope is robust against torn places. Its variance is the variance by a jackknife over parts of the drive plus the
-    variance of an error that all parts have in common.
+    The slope is robust against torn places. Its variance is the sum of the variance by a jackknife over parts of the drive
+    and the variance of an error that all parts have in common.
 
     Args:
         lengths: (N,) lengths of the spans [m].
-        offsets: (N,) offsets of the spans along one axis.
-        common: standard deviation of the common error, added up over the lengths of all spans.
+        offsets: (N,) offsets of the spans along one axis [m] or in yaw [rad].
+        common: standard deviation of the common error over the lengths of all spans together [m] or [rad].
     """
     fitted = fit_by_jackknife(_fit, (lengths, offsets), split_into_blocks(len(lengths)), float(common / np.sum(lengths)))
     slope, sigma, p_value = (float(values[0]) for values in fitted)
@@ -167,7 +168,7 @@ def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[
 
 
 def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
-    """Returns for each turn of the vehicle the indices of its spans; an empty list if too few turns show the lever arm."""
+    """Returns for each turn of the vehicle the indices of the spans in it; an empty list if there are too few turns."""
     turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > _LEVER_TURN_RAD)
     turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
     return turns if len(turns) >= _LEVER_TURNS else []
@@ -176,14 +177,14 @@ def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
 def estimate_lever(
     spans: Sequence[Registration], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]
 ) -> Lever | None:
-    """Estimates the lever arm from the vehicle's turns; returns None if there are none.
+    """Estimates the lever arm of the sensor from the vehicle's turns; returns None if `turns` is empty.
 
-    The arm is fitted together with the biases of direction, which the straight spans show. The fit is robust against torn
-    places, and the standard deviation comes from a jackknife over turns.
+    The arm is fitted together with the biases forward and to the left, which the straight spans show. The fit is robust
+    against torn places, and the standard deviation comes from a jackknife over turns.
 
     Args:
-        spans: spans in the order of time.
-        offsets: (N, 2) offsets of the spans' positions [m], without the effect of a bias of the yaw.
+        spans: N spans in the order of time.
+        offsets: (N, 2) offsets of the spans in position [m], without the effect of a bias of the yaw.
         turns: indices of the spans of each turn.
     """
     if not turns:
@@ -193,7 +194,7 @@ def estimate_lever(
 
 
 def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
-    """Returns the mean twist (S, 3) of the sensor [m/s, m/s, rad/s] over `about` sweeps around every sweep."""
+    """Returns the mean twists (S, 3) of the sensor [m/s, m/s, rad/s] over `about` sweeps around every sweep."""
     count, half = len(sweeps), about // 2
     first = np.maximum(np.arange(count) - half, 0)
     last = np.minimum(np.arange(count) + about - half, count - 1)
@@ -208,14 +209,14 @@ def estimate_delay(
 ) -> Delay:
     """Estimates the delay of a trajectory's stamps from the offsets of spans.
 
-    The delay is fitted together with the other errors that move all spans: the biases and the lever arm. The fit is robust
-    against torn places, and the standard deviation comes from a jackknife over parts of the drive.
+    The delay is fitted together with the biases and the lever arm, which also move all spans. The fit is robust against torn
+    places, and the standard deviation comes from a jackknife over parts of the drive.
 
     Args:
-        spans: spans in the order of time, enough to show a bias.
-        offsets: (N, 3) offsets of the spans.
-        twists: (S, 3) twists of the sensor at every sweep by the trajectory.
-        with_lever: whether enough spans turn to tell a delay from a sensor that sits farther ahead.
+        spans: at least `SPAN_FEWEST` spans in the order of time.
+        offsets: (N, 3) offsets of the spans [m, m, rad].
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
+        with_lever: whether a lever arm is fitted as well, which needs enough turns.
     """
     by_place = [effects.of_direction(spans), *([effects.of_lever(spans)] if with_lever else [])]
     effects_of_place = np.concatenate(by_place, axis=2)

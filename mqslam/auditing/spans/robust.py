@@ -1,4 +1,4 @@
-"""Robust fits to the offsets of spans, and their standard deviations by a jackknife."""
+"""Fits parameters robustly to the offsets of spans, with standard deviations by a jackknife."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
 """By definition: threshold of Huber's loss in standard deviations, for an efficiency of 95 % on normal errors."""
-_BLOCKS: Final = 20  # number of parts of a long drive: more parts would hardly show the spread any better
+_BLOCKS: Final = 20  # largest number of parts of a drive: more parts would hardly show the spread any better
 _FITS: Final = 3  # numerical: number of fits; after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
 
 
 def measure_spread(misses: NDArray[np.float64]) -> float:
-    """Returns the robust standard deviation of residuals (N,) about zero, from their median size."""
+    """Returns the robust standard deviation of residuals (N,) about zero, from the median of their absolute values."""
     return max(float(np.median(np.abs(misses))) * SIGMAS_PER_DEVIATION, _LEAST)
 
 
@@ -28,8 +28,8 @@ def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> ND
     """Returns the parameters (Q,) whose effects fit offsets best, by Huber's loss in units of the residuals' spread.
 
     Args:
-        design: (N, D, Q) effects of the parameters.
-        offsets: (N, D) offsets; each of the D directions has its own spread of residuals.
+        design: (N, D, Q) effect of each of Q parameters on each of N offsets in each of D directions.
+        offsets: (N, D) offsets [m] or [rad]; each direction has its own spread of residuals.
     """
     found = np.zeros(design.shape[2])
     for _ in range(_FITS):
@@ -43,9 +43,9 @@ def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> ND
 
 
 def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
-    """Returns the indices of `count` spans in blocks, each of which a jackknife leaves out once.
+    """Divides the indices of `count` spans into blocks of successive spans; a jackknife leaves out each block once.
 
-    Errors of places beside each other are alike, and two spans in a row share half of their path. A block therefore holds at
+    Errors of neighbouring places are alike, and two successive spans share half of their path. A block therefore holds at
     least two spans, and more in a long drive.
     """
     return np.array_split(np.arange(count), int(np.clip(count // 2, 2, _BLOCKS)))
@@ -57,13 +57,14 @@ def fit_by_jackknife(
     parts: Sequence[NDArray[np.int64]],
     common: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fits parameters to all places, and again without each part of the places, to learn how uncertain they are.
+    """Fits parameters to all places, and again without each part of the places, to find how uncertain the parameters are.
 
     Args:
         fit: returns the parameters (Q,) that fit two arrays best.
-        given: the two arrays, with a row for each of N places.
+        given: the two arrays, such as lengths and offsets, with a row for each of N places.
         parts: indices of the places of each part.
-        common: standard deviation of an error that all places have in common, which the spread of the fits does not show.
+        common: standard deviation of the parameters due to an error that all places have in common; the fits without single
+            parts do not show this error.
 
     Returns:
         the parameters (Q,), their standard deviations (Q,) and their p-values (Q,).

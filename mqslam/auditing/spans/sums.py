@@ -1,7 +1,7 @@
-"""Sums of successive spans, which find a trajectory that bends little in every span, but much over many of them.
+"""Adds up successive spans, to find a trajectory that bends little in every span, but much over many spans.
 
-Each span may be off by less than is tolerated while all of them are off to the same side. Successive spans are therefore
-added up over 60 to 240 m of path.
+Each span may be off by less than is tolerated while all spans are off to the same side. Successive spans are therefore added
+up over 60 to 240 m of path.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from mqslam.core.statistics import compute_p_values, correct_for_places
 
 LENGTHS_M: Final = (60.0, 120.0, 240.0)
 """Lengths of path over which spans are added up [m]: a bend of any length fills at least half of one of them."""
-_LARGEST_GAP: Final = 0.5  # most path between two successive spans that no span measures, as a share of a span
-_OVERLAP: Final = 0.1  # most path that two successive spans may share, as a share of a span: spans begin at scans
+_LARGEST_GAP: Final = 0.5  # most path between the end of a span and the begin of the next span, as a share of a span
+_OVERLAP: Final = 0.1  # most path that two successive spans share, as a share of a span, since spans begin and end at scans
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +31,12 @@ class SumAudit:
     """The judgement of a sum of successive spans.
 
     Args:
-        earlier, later: numbers of the sweeps at which the first span begins and the last one ends.
+        earlier, later: numbers of the sweeps at which the first span begins and the last span ends.
         t0, t1: times of these sweeps [s] since the recording's start.
-        path_m: length of the path from the begin of the first span to the end of the last one [m].
+        path_m: length of the path from the begin of the first span to the end of the last span [m].
         offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad].
         covariance: (3, 3) covariance of the offset, with the drift of psi itself.
-        p_value: probability that a sum as far off as this shows somewhere in a good map.
+        p_value: probability that a good map has a sum this far off anywhere.
         torn: whether the end is off by more than chance explains and by more than is tolerated.
     """
 
@@ -52,17 +52,17 @@ class SumAudit:
 
     @property
     def distance_m(self) -> float:
-        """How far the end of the sum is off [m]."""
+        """Distance in x and y by which the end of the sum is off [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
 
 
 def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig, limits: VerdictConfig) -> list[SumAudit]:
-    """Judges the sums of successive spans.
+    """Judges the sums of successive spans, in the order of their begin; an empty list if no sum is long enough.
 
     Args:
-        spans: spans of a map in the order of time; those without a p-value are left out.
+        spans: spans of a map in the order of time; spans without a p-value are left out.
         sweeps: points under the trajectory to judge.
-        settings: settings of the audit, which say what is tolerated.
+        settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
@@ -92,7 +92,7 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
 
 
 def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
-    """Returns the torn sums in the order of time; of those that overlap, only the one with the smallest p-value."""
+    """Returns the torn sums in the order of time; of sums that overlap, only the sum with the smallest p-value."""
     bends: list[SumAudit] = []
     for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):
@@ -101,7 +101,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns the chains of successive spans: from each span on, one for each of LENGTHS_M that is reached without a gap."""
+    """Returns chains of successive spans: one for each first span and each of `LENGTHS_M` that is reached without a gap."""
     begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
@@ -109,7 +109,14 @@ def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> 
 def _follow(
     first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
 ) -> Iterator[list[SpanAudit]]:
-    """Yields the chains of successive spans from `first` on; `begins_m` (N,): path [m] at which each span begins."""
+    """Yields the chains of successive spans that begin with `first`, for each of `LENGTHS_M` until a gap follows.
+
+    Args:
+        first: first span of the chains.
+        spans: N spans in the order of time.
+        begins_m: (N,) length of the path up to the begin of each span [m].
+        travelled: (S,) length of the path up to each sweep [m].
+    """
     chain = [first]
     for length_m in LENGTHS_M:
         while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].registration.path_m:
@@ -123,12 +130,12 @@ def _follow(
 
 
 def _measure_path(chain: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> float:
-    """Returns the length of the path [m] from the begin of the first span of a chain to the end of its last one."""
+    """Returns the length of the path [m] from the begin of the first span of a chain to the end of its last span."""
     return float(travelled[chain[-1].registration.later] - travelled[chain[0].registration.earlier])
 
 
 def _add_up(chain: Sequence[SpanAudit], sweeps: Sweeps) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the offset (3,) of the end of a chain of spans, in the frame of the end, and its covariance (3, 3)."""
+    """Returns the offset (3,) [m, m, rad] of the end of a chain of spans and the offset's covariance, in the end's frame."""
     end = sweeps.poses[chain[-1].registration.later]
     levers = [se2.adjoint(se2.between(end, sweeps.poses[span.registration.later])) for span in chain]
     offset = sum((lever @ span.offset for lever, span in zip(levers, chain, strict=True)), np.zeros(3))

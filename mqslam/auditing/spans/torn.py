@@ -1,6 +1,6 @@
-"""Torn spans: places where a trajectory is off by more than the corrections of the whole map explain.
+"""Finds torn spans: stretches of path where a trajectory is off by more than the corrections of the whole map explain.
 
-A stretch of path may be stretched or bent by too little for any window to show it. The scans at its ends show it.
+A stretch of path may be too long, too short or bent by too little for any window to show. The scans at its ends show this.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ class SpanAudit:
     """The judgement of one span, which is a stretch of path whose two ends are registered on each other.
 
     Args:
-        registration: registration of the scans at its end on those at its begin.
-        t0, t1: times of its begin and its end [s] since the recording's start.
-        offset: (3,) offset of the end, without the corrections of the whole map [m, m, rad].
-        covariance: (3, 3) covariance of the offset by the measurement alone.
-        p_value: probability that a span as far off as this, alone or together with the next one, shows somewhere in a good
-            map; NaN where too few spans show what is usual.
+        registration: registration of the scans at the end of the span on the scans at its begin.
+        t0, t1: times of the begin and the end of the span [s] since the recording's start.
+        offset: (3,) offset of the registration minus the part that the corrections of the whole map explain [m, m, rad].
+        covariance: (3, 3) covariance of the offset by the measurement, without the drift of psi itself.
+        p_value: probability that a good map has a span this far off anywhere, alone or together with the next span; NaN if
+            the map has too few spans to judge.
         torn: whether the span is off by more than chance explains and by more than is tolerated.
     """
 
@@ -60,17 +60,17 @@ class SpanAudit:
 
     @property
     def distance_m(self) -> float:
-        """How far the end of the span is off [m]."""
+        """Distance in x and y by which the end of the span is off [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
 
     @property
     def size_m(self) -> float:
-        """Root mean square of how far the offset moves the points at the end of the span [m]."""
+        """Root mean square distance by which the offset moves the points at the end of the span [m]."""
         return self.registration.move_points(self.offset)
 
     @property
     def forward_m(self) -> float:
-        """How much too short the trajectory is along the line from the begin of the span to its end [m]."""
+        """Length by which the trajectory is too short along the line from the span's begin to its end [m]."""
         return float(effects.resolve([self.registration], self.offset[None, :2])[0, 0])
 
 
@@ -81,16 +81,16 @@ def audit_spans(
     settings: AuditConfig,
     limits: VerdictConfig,
 ) -> list[SpanAudit]:
-    """Judges the spans of a map.
+    """Judges the spans of a map; returns the judgements in the order of the spans.
 
-    The covariance from psi's curvature is too small by a factor that depends on the world, as with steps. The differences
-    between repeated measurements of the same spans show this factor, whatever the trajectory is.
+    The covariance from psi's curvature is too small by a factor that depends on the surroundings. The differences between
+    repeated measurements of the same span show this factor, and do not depend on the trajectory.
 
     Args:
-        spans: spans in the order of time.
-        expected: (N, 3) parts of the spans' offsets that the corrections of the whole map explain.
+        spans: N spans in the order of time.
+        expected: (N, 3) or (3,) parts of the offsets that the corrections of the whole map explain [m, m, rad].
         times: (S,) times of the sweeps [s].
-        settings: settings of the audit, which say what is tolerated.
+        settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
     """
     if not spans:
@@ -134,7 +134,7 @@ def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the independent differences (L - 1, 3) between L repeats, each with the variance of a single repeat."""
+    """Returns independent differences (L - 1, 3) between L repeated offsets, scaled to the variance of one repeat."""
     return np.array(
         [(repeats[k] - repeats[:k].mean(axis=0)) * np.sqrt(k / (k + 1.0)) for k in range(1, len(repeats))]
     ).reshape(-1, 3)
@@ -143,10 +143,10 @@ def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
 def _compute_p_values(
     spans: Sequence[Registration], offsets: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), not corrected for the number of places.
+    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), not corrected for the number of spans.
 
     A fault that is longer than a span moves successive spans alike, which chance hardly does. Each span is therefore judged
-    alone and, by the mean of both offsets, together with the next span that begins where it ends.
+    twice: alone, and by the mean of its offset and the offset of the next span that begins at or after its end.
     """
     begins = np.array([span.earlier for span in spans])
     after = np.searchsorted(begins, [span.later for span in spans])
@@ -162,13 +162,13 @@ def _compute_p_values(
 
 
 def _count_chance(chances: NDArray[np.float64]) -> float:
-    """Returns the probability that at least as many of N spans are unusual by chance in a good map.
+    """Returns the probability that at least as many spans of a good map are unusual (p-value below `_UNUSUAL`) by chance.
 
     A trajectory that weaves is off by a little more than is tolerated in many places, but in none of them beyond doubt.
-    Neighbouring spans share half of their path, so both numbers of spans are halved.
+    Neighbouring spans share half of their path, so half of the spans and half of the unusual spans are counted.
 
     Args:
-        chances: (N,) p-values of the spans, not corrected for their number; NaN where unknown.
+        chances: (N,) p-values of the spans, not corrected for the number of spans; NaN where unknown.
     """
     known = chances[np.isfinite(chances)]
     count = int(np.count_nonzero(known < _UNUSUAL))
