@@ -1,8 +1,8 @@
 """Checks a recording against the assumptions under which it was read.
 
-The mirror image of a recording gives the mirror image of its motion and of its map, which is just as crisp. psi therefore
-cannot tell left from right; only odometry can. But psi can tell whether the azimuths of a polar scan were measured in the
-order in which they are stored: in the other order, motion compensation moves returns the wrong way.
+The mirror image of a recording gives a mirrored motion and a mirrored map, which is just as crisp. psi therefore cannot tell
+left from right; only odometry can. But psi can tell whether the azimuths of a polar scan were measured in the order in which
+they are stored: in the opposite order, motion compensation moves returns the wrong way.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from mqslam.psi.place import Beam
 from mqslam.psi.ranging import FEWEST_STRETCHES, RangeErrors, measure_on_stretches
 from mqslam.psi.tracking.tracker import Tracker
 
-# Largest difference between the durations of 90 % of all revolutions of the radar, as a share of a revolution.
+# Largest tolerated difference between the durations of 90 % of all revolutions of the radar, as a share of a revolution.
 _UNSTEADY = 0.1
 # Azimuth times that span less than this share of a revolution do not say when each azimuth was measured.
 _SPAN_SHARE = 0.8
-# Share of a revolution by which a polar scan may last into the next one.
+# Largest tolerated share of a revolution by which a polar scan lasts into the next polar scan.
 _LATE_SHARE = 0.05
-# A step between azimuths of more than this many usual steps is a hole. A revolution may lack as much of a whole turn.
+# A step between azimuths of more than this many usual steps is a hole. A revolution may lack this much of a whole turn.
 _HOLE_STEPS = 3.0
-# Largest share of azimuths marked as not measured.
+# Largest tolerated share of azimuths that are marked as not measured.
 _UNMEASURED_SHARE = 0.05
-# A polar scan that begins within this share of a revolution after another polar scan counts as a duplicate of it.
+# A polar scan that begins within this share of a revolution after another polar scan begins too soon.
 _DOUBLED = 0.5
-# Least number of revolutions that shows whether the duration of a revolution is steady.
+# Fewest revolutions that show whether the duration of a revolution is steady.
 _FEWEST_TURNS = 3
 
 # Share of the variance of the radar's yaw rate that odometry must explain for a shift of stamps to be judged.
@@ -58,12 +58,12 @@ _EXPLAINED = 0.9
 
 # psi's preference for one order of the azimuths counts only if its probability by chance is smaller than this.
 _ORDER_CHANCE = 5e-3
-# psi's preference counts only if the logarithm of the ratio of psi in the two orders is at least this. Simulated drives that
-# are too slow to show the order have up to 0.010.
+# psi's preference counts only if the logarithm of the ratio of psi in the two orders is at least this. In simulated drives
+# that are too slow to show the order it is at most 0.010.
 _ORDER_GAIN = 0.02
-# Yaw rate [rad/s], root mean square, below which left and right cannot be told apart.
+# Root mean square yaw rate [rad/s] below which left and right cannot be distinguished.
 _LEAST_TURN = 0.03
-# Least standard deviation of a measured yaw rate [rad/s].
+# Smallest standard deviation that is assumed for a measured yaw rate [rad/s].
 _YAW_RATE_FLOOR = 0.004
 # Largest shift of stamps that is tried [revolutions].
 _LARGEST_SHIFT = 1.5
@@ -79,7 +79,7 @@ _SHIFTS = 61
 # Relative difference between the radar's speed and odometry's that is suspicious.
 _WRONG_SCALE = 0.05
 
-_SPREAD = 12  # stretches of the recording that are read for the errors of the ranges
+_SPREAD = 12  # number of stretches of the recording on which errors of the ranges are measured
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # at a lower ratio, the two speeds have little in common, and no length of the range bins explains it
@@ -99,9 +99,9 @@ class CheckFinding:
 
     Args:
         name: what was checked.
-        verdict: whether the recording agrees with what was assumed.
-        text: why, and what to do about it.
-        numbers: the values that the verdict rests on, by name with unit.
+        verdict: whether the recording agrees with the assumption under which it was read.
+        text: the reason for the verdict, and what the user can do.
+        numbers: the values that the verdict rests on, by name; units other than shares are part of the name.
     """
 
     name: str
@@ -128,12 +128,12 @@ class Check:
 
     @property
     def suspicious(self) -> bool:
-        """Whether any check contradicts an assumption."""
+        """Whether any check has the verdict `suspicious`."""
         return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
 
     @property
     def warning(self) -> str | None:
-        """A warning to the user if most checks cannot be decided; else None."""
+        """A warning to the user if more than half of the checks cannot be decided; else None."""
         untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
         if 2 * untold <= len(self.findings):
             return None
@@ -152,7 +152,7 @@ def check_recording(
     notes: Sequence[str],
     progress: Callable[[int, int], object],
 ) -> Check:
-    """Checks whether a recording contradicts the assumptions under which it was read. Ground truth is not used.
+    """Checks whether a recording contradicts the assumptions under which it was read, without ground truth.
 
     Args:
         recording: the recording, of which a few short stretches are read.
@@ -160,7 +160,7 @@ def check_recording(
         settings: all settings.
         beam: the sensor's errors.
         notes: what a user should know about how the recording was understood.
-        progress: called with (number of polar scans read, number of polar scans to read).
+        progress: called with the number of polar scans that were read, and the number of polar scans to read.
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)
@@ -178,14 +178,14 @@ def check_recording(
 
 
 def read_spread(recording: Recording, settings: Config, progress: Callable[[int, int], object]) -> list[Stretch]:
-    """Reads stretches on which errors of the ranges are measured; returns [] if the recording has too few without gaps."""
+    """Reads the stretches on which errors of the ranges are measured; returns [] if too few stretches are without gaps."""
     if len(choose_spans(recording, None, _SPREAD)) < FEWEST_STRETCHES:
         return []
     return read_stretches(recording, None, settings.detector, progress, _SPREAD)
 
 
 def _measure_ranges(stretches: Sequence[Stretch], settings: Config, beam: Beam) -> RangeErrors | None:
-    """Tracks stretches by psi, and measures the errors of the ranges on them; None if too few show them."""
+    """Tracks stretches by psi and measures the errors of the ranges on them; None if too few stretches show errors."""
     tracked = []
     for stretch in stretches:
         tracker = Tracker(settings.tracker, settings.estimator, beam, stretch.scans.revolution_s)
@@ -195,7 +195,7 @@ def _measure_ranges(stretches: Sequence[Stretch], settings: Config, beam: Beam) 
 
 
 def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: Config, beam: Beam) -> list[CheckFinding]:
-    """Checks whether psi shows another range offset than the offset in use; returns [] if too few stretches show one.
+    """Checks whether psi shows another range offset than the offset in use; returns [] if too few stretches show an offset.
 
     Args:
         recording: the recording.
@@ -204,7 +204,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
         beam: the sensor's errors.
     """
     found = _measure_ranges(stretches, settings, beam)
-    if found is not None:  # tracks are better with the right Doppler shift, and show the offset better
+    if found is not None:  # with the right Doppler shift, tracks are better and show the offset better
         found = _measure_ranges(stretches, settings, beam._replace(doppler_beta=found.beta)) or found
     if found is None:
         return []
@@ -221,7 +221,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether polar scans follow each other: none is duplicated, missing, out of order or of another duration.
+    """Checks whether polar scans follow each other in time, and whether any is repeated, missing, unreadable or too short.
 
     Args:
         recording: the recording.
@@ -261,7 +261,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
 
 
 def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether every polar scan is a whole revolution of azimuths that were measured.
+    """Checks whether every polar scan is a whole revolution without holes, and its azimuths were measured.
 
     Args:
         stretches: stretches of the recording that were read.
@@ -289,10 +289,10 @@ def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
 
 
 def check_order(followed: FollowedStretches) -> CheckFinding:
-    """Checks whether psi prefers the azimuths of the polar scans in the order in which they are stored.
+    """Checks whether psi is lower with the azimuths of the polar scans in the stored order than in the opposite order.
 
     Args:
-        followed: stretches of the recording as psi follows them.
+        followed: results of tracking the stretches in both orders.
     """
     name = "order of azimuths"
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
@@ -318,7 +318,7 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
 
 
 def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether the radar turns left where odometry turns left."""
+    """Checks whether the radar's yaw rate has the sign of odometry's yaw rate."""
     measured, _, given = _yaw_rates(recording, steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
@@ -335,11 +335,11 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
 
 
 def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether odometry's yaw rate fits the radar's yaw rate best with the stamps as they are."""
+    """Checks whether odometry's yaw rate fits the radar's yaw rate best without a shift of the radar's stamps."""
     measured, shifts, given = _yaw_rates(recording, steps, odometry)
-    given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # whether the recording is mirrored is another check
+    given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check finds a mirrored recording
     rest = given - measured
-    rest -= rest.mean(axis=1, keepdims=True)  # the bias of the gyroscope in odometry
+    rest -= rest.mean(axis=1, keepdims=True)  # removes the bias of the gyroscope in odometry
     rms = np.sqrt(np.mean(rest**2, axis=1))
     best = int(np.argmin(rms))
     slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # yaw rate per shift [rad/s^2]
@@ -361,7 +361,7 @@ def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Ou
 
 
 def _check_scale(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether the radar's speed equals odometry's; a wrong length of the range bins would change it."""
+    """Checks whether the radar's speed, which a wrong length of the range bins changes, equals odometry's speed."""
     measured, given = steps.twists[:, 0], steps.of(odometry)[:, 0]
     fast = np.abs(given) > LEAST_SPEED
     if np.count_nonzero(fast) < FEWEST_STEPS:
@@ -388,7 +388,10 @@ _AGAINST_ODOMETRY: dict[str, tuple[Callable[[Recording, Steps, Trajectory], Outc
 def _yaw_rates(
     recording: Recording, steps: Steps, odometry: Trajectory
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Returns the radar's yaw rates (S,), the shifts (K,) [us] to try, and odometry's yaw rates (K, S) at each shift."""
+    """Returns yaw rates of the radar (S,) [rad/s], shifts (K,) [us], and odometry's yaw rates (K, S) [rad/s] at each shift.
+
+    The yaw rates are means over S steps; each shift is added to the stamps of the steps.
+    """
     turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, _SHIFTS)
     shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])

@@ -25,13 +25,13 @@ from mqslam.psi.tracking.local_map import Tuning
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of stretches of a recording that a check reads, and number of polar scans in each stretch: enough to track a motion
-# through a bend or two, and few enough to be read in a few seconds.
+# through one or two bends, and few enough to be read in a few seconds.
 STRETCHES = 3
 STRETCH_SCANS = 12
-# Least number of motions between scans for a comparison with odometry, or for a comparison of the two orders of azimuths.
+# Fewest motions between scans for a comparison with odometry, or for a comparison of the two orders of azimuths.
 FEWEST_STEPS = 5
-# Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows against scans from other places,
-# so keyframes lie far apart.
+# Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows best if a scan is compared with
+# scans from other places, so keyframes lie far apart.
 _KEYFRAME_M = 40.0
 
 
@@ -42,13 +42,13 @@ class Turn:
     Args:
         azimuths: number of azimuths.
         unmeasured: number of azimuths that are marked as not measured.
-        turned: angle from the first azimuth to one step after the last [rad].
+        turned: angle from the first azimuth to one usual step after the last azimuth [rad].
         step: usual step between neighbouring azimuths [rad].
         widest: widest step between neighbouring azimuths [rad].
         turn_s: duration of the revolution [s].
         span_s: time from the first azimuth to the last one [s].
-        late_s: time from the start of the next polar scan to the last azimuth [s]; 0 if the last azimuth comes first.
-        repeated: whether the power equals the power of the polar scan before, byte by byte.
+        late_s: time from the start of the next polar scan to the last azimuth [s]; 0 if the last azimuth is earlier.
+        repeated: whether the power equals the power of the previous polar scan, byte by byte.
     """
 
     azimuths: int
@@ -84,13 +84,13 @@ def read_stretches(
     progress: Callable[[int, int], object],
     count: int | None = None,
 ) -> list[Stretch]:
-    """Reads stretches where odometry's yaw rate changes most, or, without odometry, stretches spread over the recording.
+    """Reads the stretches in which odometry's yaw rate changes most; without odometry, evenly spread stretches.
 
     Args:
         recording: the recording.
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
-        progress: called with (number of polar scans read, number of polar scans to read).
+        progress: called with the number of polar scans that were read, and the number of polar scans to read.
         count: largest number of stretches to read; None reads `STRETCHES`.
     """
     spans = choose_spans(recording, odometry, count)
@@ -120,9 +120,9 @@ def read_stretches(
 
 
 def choose_spans(recording: Recording, odometry: Trajectory | None, count: int | None = None) -> list[tuple[int, int]]:
-    """Chooses stretches that have no gaps and do not overlap; each is (its first polar scan, its last polar scan + 1).
+    """Chooses stretches without gaps that do not overlap, as (first polar scan, last polar scan + 1), for `read_stretches`.
 
-    Where gaps leave no stretch of the usual size, all stretches are as long as the longest one without a gap.
+    If gaps leave no stretch of the usual length, all stretches are as long as the longest stretch without a gap.
     """
     count = STRETCHES if count is None else count
     gap_after = np.zeros(len(recording), dtype=np.int64)
@@ -145,7 +145,7 @@ def choose_spans(recording: Recording, odometry: Trajectory | None, count: int |
 
 
 def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Turn:
-    """Describes how polar scan k was measured; `before` is None where the polar scan before was not read."""
+    """Describes how polar scan k was measured; `before` is the previous polar scan, or None if it was not read."""
     steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
     after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
@@ -164,11 +164,11 @@ def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Motions from scan to scan as psi measures them.
+    """Motions from scan to scan (steps) as psi measures them.
 
     Args:
-        begins_us, ends_us: (S,) int64 [us], when the steps begin and end.
-        twists: (S, 3) their mean twists [m/s, m/s, rad/s].
+        begins_us, ends_us: (S,) stamps at which the steps begin and end [us].
+        twists: (S, 3) mean twists over the steps [m/s, m/s, rad/s], in the sensor's frame at the begin of each step.
     """
 
     begins_us: NDArray[np.int64]
@@ -179,7 +179,7 @@ class Steps:
         return len(self.begins_us)
 
     def of(self, track: Trajectory, shift_us: int = 0) -> se2.Array:
-        """Returns a trajectory's mean twists (S, 3) over these steps, each step taken later by a shift [us]."""
+        """Returns a trajectory's mean twists (S, 3) [m/s, m/s, rad/s] over these steps, each step later by `shift_us`."""
         return track.mean_twists(self.begins_us + shift_us, self.ends_us + shift_us)
 
 
@@ -189,9 +189,9 @@ class FollowedStretches:
 
     Args:
         steps: motions that psi found.
-        psi: (R,) psi per point of each scan.
-        psi_backward: (R,) psi per point of each scan with the azimuths of all scans in the opposite order.
-        shortage: text of a check that has too few values to decide: the reason why there are so few.
+        psi: (R,) psi per point of each of R scans; NaN where psi found no motion.
+        psi_backward: (R,) psi per point of the same scans if the azimuths of all scans are in the opposite order.
+        shortage: why there are too few values to decide a check, as a text for the user.
     """
 
     steps: Steps
@@ -201,7 +201,7 @@ class FollowedStretches:
 
 
 def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config, beam: Beam) -> FollowedStretches:
-    """Tracks the stretches by psi, as they are and with their azimuths in the opposite order.
+    """Tracks stretches by psi, with the azimuths of their scans in the stored order and in the opposite order.
 
     Args:
         recording: the recording.
@@ -222,7 +222,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
             tracker_there = Tracker(*of_sensor, tuning=spread)
             there = track_scans(stretch.scans, tracker_there)
             backward_scans = replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans)))
-            # a scan's psi depends on how full the map is: both maps get the same scans as keyframes
+            # a scan's psi depends on the keyframes of the map: both maps get the same scans as keyframes
             back = track_scans(backward_scans, Tracker(*of_sensor, tracker_there.keyframes, spread))
         except EstimationError:
             continue
@@ -254,7 +254,7 @@ def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
 
 
 def _explain_shortage(stretches: Sequence[Stretch]) -> str:
-    """Explains why stretches do not suffice for a check, which needs `FEWEST_STEPS` motions in one of them."""
+    """Explains to the user why stretches do not suffice for a check, which needs `FEWEST_STEPS` motions in a stretch."""
     longest, needed = max((len(stretch.scans) for stretch in stretches), default=0), START_SCANS - 1 + FEWEST_STEPS
     if longest < needed:
         return f"the check needs {needed} polar scans without a gap between them; the longest such stretch has {longest}"
@@ -262,7 +262,7 @@ def _explain_shortage(stretches: Sequence[Stretch]) -> str:
 
 
 def _reverse(scan: Scan) -> Scan:
-    """Returns a scan with the same returns, stamped as if they had been measured in the opposite order."""
+    """Returns a scan with the same returns, but with times as if the returns had been measured in the opposite order."""
     r = scan.returns
     times = scan.t0 + scan.t1 - r.times
     order = np.argsort(times, kind="stable")

@@ -1,1 +1,1 @@
-"""Windows: the map of a few successive scans, compared with the best map of the same scans."""
+"""Compares the map of a few successive scans (a window) with the best map of the same scans."""

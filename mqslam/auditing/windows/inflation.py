@@ -1,8 +1,8 @@
-"""Inflation: how far a window's map is from the best map of the same points, in units of the best map's covariance.
+"""Measures the inflation of a window: how far its map is from the best map of the same points.
 
-psi of one place cannot be compared with psi of another, so every window is its own reference. A constant twist is added to
-the trajectory's motion through the window, and psi is minimised over it. Where the trajectory is right, the squared size of
-the best twist in units of its covariance is a chi-square with three degrees of freedom.
+psi of two places cannot be compared, so every window is compared with its own best map. A constant twist is added to the
+trajectory's motion through the window, and psi is minimised over the twist. The inflation is the square of the best twist in
+units of its covariance. Where the trajectory is right, it is a chi-square with three degrees of freedom.
 """
 
 from __future__ import annotations
@@ -37,37 +37,37 @@ from mqslam.psi.minimiser import (
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate
 
-# The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
+# The first search for a window's best map begins with this share of the annealing's first widths. It misses only large
 # corrections.
 _NARROW_START = 0.4
 # If the correction is larger than this share of the first search's widest neighbourhood, the search is repeated with the
 # annealing's full widths.
 _NARROW_REACH = 0.5
-# If the best map matches less than this share of the points that the given map matches, the search is repeated with the
-# annealing's full widths.
+# If the best map matches fewer points than this share of the points that the given map matches, the search is repeated with
+# the annealing's full widths.
 _LEAST_OVERLAP_KEPT = 0.8
-# The curvature of psi is computed from differences over this movement of a window's ends, in units of estimator.beta_s.
+# Movement of a window's ends over which psi's curvature is computed by differences, in units of estimator.beta_s.
 _DIFFERENCE_STEP = 0.06
 # The search for a window's best map ends with a step that moves the window's ends by less than this, in units of
-# estimator.beta_s. No direction is taken to be known better than that.
+# estimator.beta_s. No standard deviation is taken to be smaller than this.
 _STEP = 2e-3
 # Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window does not observe.
 _UNOBSERVED = 100.0
 
-SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
+SWEEP: Final = 1.0  # by definition: duration of a turn of the sensor, where times are counted in sweeps
 _LEAST_LEVER_M: Final = 1.0  # numerical: keeps the step in yaw finite where all points lie at the sensor
 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """The correction that would make a window's map its best.
+    """The correction that makes the map of a window its best map.
 
     Args:
-        correction: (3,) the twist over the whole window: how far its end must move relative to its begin, in the frame of
-            its middle [m, m, rad].
+        correction: (3,) twist over the whole window: the motion of the window's end relative to its begin, in the frame of
+            the sensor at the middle of the window [m, m, rad].
         covariance: (3, 3) covariance of the correction.
         inflation: correction^T covariance^-1 correction.
-        size_m: root mean square of how far the correction moves the points [m].
+        size_m: root mean square distance by which the correction moves the points [m].
         psi, psi_best: score per point without and with the correction.
         matched, matched_best: share of points with a neighbour from another sweep, without and with the correction.
         points: number of points.
@@ -86,13 +86,13 @@ class Bend:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A window of sweeps whose map depends on a twist (3,) per sweep that is added to its motion.
+    """A window whose map depends on a twist (3,) [m, m, rad per sweep] that is added to the trajectory's motion.
 
     Args:
-        points: points in the frame of the sensor at the window's middle.
-        into: (N,) time from the window's middle to each point, in sweeps.
+        points: N points in the frame of the sensor at the window's middle.
+        into: (N,) time from the window's middle to each point, counted in sweeps.
         count: number of sweeps.
-        units: (3,) for each component, the twist that moves points at an end of the window by beta_s.
+        units: (3,) for each component, the twist that moves points at an end of the window by `estimator.beta_s`.
         estimator: settings of the score.
         kernel: settings of the score other than its widths, with times counted in sweeps.
     """
@@ -105,15 +105,15 @@ class _Window:
     kernel: Kernel
 
     def render(self, twist: NDArray[np.float64]) -> PointSet:
-        """Returns the points under a twist."""
+        """Returns the points moved by a twist (3,) per sweep."""
         return twist_points(self.points, self.into, twist)
 
     def score(self, twist: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
-        """Returns the score of the map under a twist."""
+        """Returns the score of the points moved by a twist (3,) per sweep, at given widths of the score."""
         return evaluate(self.render(twist), None, scale, self.kernel)
 
     def minimise(self, share: float) -> Minimum:
-        """Finds the twist with the lowest psi; the widths of the annealing begin at a share of the usual ones."""
+        """Finds the twist with the lowest psi; the widths of the annealing begin at a share of their usual first values."""
         start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), _STEP * self.units
         return minimise(start, self.render, None, free, self.estimator, self.kernel, tolerances, Search(share=share))
 
@@ -122,8 +122,8 @@ class _Window:
 
         Args:
             minimum: minimum of psi over the twist.
-            own: score of the map as the trajectory has it.
-            weak: (K, 3) directions that the window does not observe.
+            own: score of the map by the trajectory.
+            weak: (K, 3) directions of the twist that the window does not observe.
         """
         units, final = self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
@@ -149,12 +149,12 @@ class _Window:
 
 
 def fit_bend(sweeps: Sweeps, begin: int, end: int, estimator: EstimatorConfig) -> Bend:
-    """Finds the correction that would make a window's map its best.
+    """Finds the correction that makes the map of a window its best map.
 
     Args:
         sweeps: points under the trajectory to judge.
-        begin: first sweep of the window.
-        end: the sweep after its last one.
+        begin: number of the first sweep of the window.
+        end: number of the sweep after the window.
         estimator: settings of the score.
     """
     points, into = centre_window(sweeps, begin, end)
@@ -169,7 +169,7 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, estimator: EstimatorConfig) -
         return window.bend_at(window.minimise(share), own, weak)
 
     best = fit(_NARROW_START)
-    if best.psi_best > best.psi:  # the search was too wide, and missed a better map near the trajectory
+    if best.psi_best > best.psi:  # the search was too wide and missed a better map near the trajectory
         best = min(best, fit(0.0), key=_psi_best)
     overlap_lost = best.matched_best < _LEAST_OVERLAP_KEPT * best.matched
     widest_m = annealed_scale(estimator, 0, _NARROW_START).s
@@ -183,13 +183,13 @@ def _psi_best(bend: Bend) -> float:
 
 
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
-    """Returns a window's points in the frame of the sensor at its middle, and their times (N,) from there in sweeps."""
+    """Returns N points of a window in the frame of the sensor at its middle, and their times (N,) since then, in sweeps."""
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)
 
 
 def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.float64]) -> PointSet:
-    """Returns points moved by a twist (3,) per sweep for times (N,) [sweeps], with their derivatives by the twist."""
+    """Returns points moved by a twist (3,) per sweep for times `into` (N,) in sweeps, with derivatives by the twist."""
     angle = twist[2] * into
     c, s = np.cos(angle), np.sin(angle)
     x, y = points.points.T
@@ -201,5 +201,5 @@ def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.
 
 
 def count_in_sweeps(config: EstimatorConfig, revolution_s: float) -> Kernel:
-    """Returns the settings of the score other than its widths, with times counted in sweeps of this duration [s]."""
+    """Returns the settings of the score other than its widths, with times counted in sweeps of `revolution_s` [s]."""
     return kernel_of(config, SWEEP)._replace(beta_t=BETA_T / revolution_s)

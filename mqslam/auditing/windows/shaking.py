@@ -1,8 +1,8 @@
-"""Finds poses that jump to and fro from scan to scan: smoothing them makes the map crisper.
+"""Finds shaking: poses that jump to and fro from scan to scan. Smoothing such poses makes the map crisper.
 
-The correction of a window is one twist, which cannot undo shaking, and registrations of several scans average the shaking
-out. But where a trajectory is right, the sensor moved as its poses say, and smoothing takes true motion away and blurs the
-map. Smoothing makes the map crisper only where every pose has an error of its own.
+Other tests do not see shaking: the correction of a window is one twist, and registrations of several scans average the
+shaking out. Where a trajectory is right, smoothing removes true motion and blurs the map. It makes the map crisper only
+where every pose has an error of its own.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mqslam.psi.score import evaluate
 
 _SIDE: Final = 3  # a parabola is fitted to a pose and this many poses on either side: 1.5 s at four scans per second
 
-_Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its poses smoothed, and the settings of the score
+_Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its smoothed poses (S, 3), and the settings of the score
 
 
 def judge_shaking(
@@ -43,8 +43,8 @@ def judge_shaking(
     """Judges whether the poses of a map jump to and fro.
 
     Args:
-        sweeps: points under the trajectory to judge, which has a track.
-        windows: windows in which the map is compared with the map under smoothed poses; undecided ones are left out.
+        sweeps: points under the trajectory to judge; their `track` is not None.
+        windows: windows in which the map is compared with the map under smoothed poses; undecided windows are left out.
         settings: settings of the audit.
         estimator: settings of the score.
         limits: settings of the verdict.
@@ -53,7 +53,7 @@ def judge_shaking(
     smoothed = smooth_poses(sweeps)
     spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
-    if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # even if smoothing helped in all, that would show nothing
+    if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # chance would explain even that smoothing helps in all windows
         most_m, _ = tolerate_window(settings)
         reason = f"noise of the poses: too few windows show it, so that up to {most_m:g} m from scan to scan could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
@@ -71,7 +71,7 @@ def judge_shaking(
 
 
 def smooth_poses(sweeps: Sweeps) -> se2.Array:
-    """Returns the poses (S, 3) of sweeps, smoothed by parabolas fitted to the poses around them; NaN near gaps and ends."""
+    """Returns the poses (S, 3) of sweeps, each from a parabola fitted to the poses around it; NaN near gaps and ends."""
     poses = sweeps.poses.copy()
     poses[:, 2] = np.unwrap(poses[:, 2])
     smoothed = np.full_like(poses, np.nan)
@@ -85,7 +85,7 @@ def smooth_poses(sweeps: Sweeps) -> se2.Array:
 
 
 def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
-    """Returns by how much smoothed poses lower psi per point in a window (its first sweep, and the one after its last)."""
+    """Returns by how much smoothed poses lower psi per point in a window (begin, end) of sweeps begin <= k < end."""
     sweeps, smoothed, estimator = shared
     begin, end = window
     points = sweeps.local(range(begin, end), np.zeros(3))
@@ -98,7 +98,10 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
 
 
 def _move(sweeps: Sweeps, smoothed: se2.Array, begin: int, end: int, points: PointSet) -> NDArray[np.float64]:
-    """Returns the points (N, 2) [m] of a window under smoothed poses; `points` has times in sweeps."""
+    """Returns the points (N, 2) [m] of a window under smoothed poses (S, 3), in the map's frame.
+
+    `points` holds the N points in the map's frame under the given poses, with times counted in sweeps.
+    """
     track = sweeps.track
     assert track is not None  # a cloud without a trajectory has no poses to judge
     sweep = np.searchsorted(sweeps.numbers, points.times, side="right") - 1

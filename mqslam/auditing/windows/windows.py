@@ -34,16 +34,16 @@ class WindowAudit:
     """The judgement of one window.
 
     Args:
-        begin, end: its sweeps, begin <= k < end.
-        t0, t1: times at which it begins and ends [s] since the recording's start.
-        pose: (3,) pose of the sensor at its middle, world frame.
-        bend: the correction that would make its map the best.
-        measures: the usual measures of map quality, of the same points.
-        torn: whether it is bent by more than its covariance explains and by more than the settings tolerate.
-        undecided: why the window is undecided: it then counts as neither torn nor whole. None if it is decided.
-        speed: check of the speed between its two middle scans; None where the speed was not checked.
-        p_value: probability that an inflation as large shows in any window of a good map, if the stated covariance is right;
-            NaN for an undecided window.
+        begin, end: the window consists of the sweeps begin <= k < end.
+        t0, t1: times at which the window begins and ends [s] since the recording's start.
+        pose: (3,) pose x, y [m], yaw [rad] of the sensor at the window's middle, in the map's frame.
+        bend: the correction that makes the map of the window its best map.
+        measures: published measures of map quality for the same points.
+        torn: whether the correction is larger than its covariance explains and larger than the settings tolerate.
+        undecided: why the window counts as neither torn nor whole; None if it is decided.
+        speed: check of the speed between the two middle scans; None if the speed was not checked.
+        p_value: probability that a good map has an inflation this large in any window, if the covariance of the correction
+            is right; NaN for an undecided window.
     """
 
     begin: int
@@ -60,18 +60,18 @@ class WindowAudit:
 
 
 def audit_windows(shared: Shared, engine: Engine, progress: Progress, sampled: int | None = None) -> list[WindowAudit]:
-    """Judges the windows of a map in the order of time; windows without a point, such as in fog, are left out.
+    """Judges the windows of a map in the order of time; windows without a point are left out.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
         engine: where the windows are judged; the result does not depend on it.
         progress: called as windows are done.
-        sampled: how many windows at most are judged, evenly spread; None takes all.
+        sampled: largest number of windows to judge, evenly spread; None judges all windows.
     """
     sweeps = shared[0]
     begins = list(range(0, len(sweeps) - WINDOW + 1, WINDOW))
     if begins and begins[-1] + WINDOW < len(sweeps):
-        begins.append(len(sweeps) - WINDOW)  # the last one overlaps the one before, so that every sweep is judged
+        begins.append(len(sweeps) - WINDOW)  # the last window overlaps the window before it: every sweep is judged
     begins = [begin for begin in begins if sweeps.begins[begin + WINDOW] > sweeps.begins[begin]]
     if sampled is not None:
         begins = [begins[k] for k in pick_evenly(len(begins), sampled).tolist()]
@@ -79,7 +79,7 @@ def audit_windows(shared: Shared, engine: Engine, progress: Progress, sampled: i
 
 
 def audit_window(shared: Shared, begin: int) -> WindowAudit:
-    """Judges the window that begins with the given sweep."""
+    """Judges the window that begins with the sweep `begin`."""
     sweeps, settings, estimator = shared
     end = begin + WINDOW
     span = sweeps.span(begin, end)
@@ -107,7 +107,7 @@ def audit_window(shared: Shared, begin: int) -> WindowAudit:
 
 
 def share_torn(windows: Sequence[WindowAudit]) -> Share:
-    """Returns the share of torn windows among the decided ones."""
+    """Returns the share of torn windows among the decided windows."""
     decided = [window for window in windows if window.undecided is None]
     return Share(sum(window.torn for window in decided), len(decided))
 
