@@ -294,7 +294,7 @@ def _describe_scale(bias: float, sigma: float) -> str:
 def _describe_direction(bias: float, sigma: float) -> str:
     turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
     farther = f"the sensor moves {turn} farther to the {left_or_right(bias)} than the trajectory says"
-    return f"{farther}: wheels slip sideways, or its mount is turned by as much"
+    return f"{farther}: wheels slip sideways, or the sensor's mount is turned by this angle"
 
 
 def _describe_turn(bias: float, sigma: float) -> str:
@@ -314,7 +314,7 @@ def _describe_delay(delay: Delay, *, is_of_run: bool) -> str:
     if is_of_run:
         behind = "behind" if delay.seconds > 0.0 else "ahead of"
         return (
-            f"the motions of the front end are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {behind} those of the scans"
+            f"the motions of the front end are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {behind} the scans' motions"
         )
     late = "late" if delay.seconds > 0.0 else "early"
     return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
@@ -337,7 +337,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     if not judged:
         why = "too few spans could be measured"
         most_m, _ = tolerate_window(settings)
-        reason = f"stretches of path: {why}, so that up to {most_m:g} m in each window of {WINDOW} scans could hide"
+        reason = f"stretches of path: {why}, so that {most_m:g} m of error in each window of {WINDOW} scans could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     p_value = find_smallest(span.p_value for span in judged)
     usual_m = float(np.median([span.registration.path_m for span in judged]))
@@ -467,7 +467,7 @@ def judge_revisits(
             reason += f"; {some} {is_or_are(some)} off by more than chance explains, each by less than is tolerated"
     if excused:
         farthest = max(r.distance_m for r in excused)
-        said = f"the passes of {len(excused)} lie up to {farthest:.2f} m apart"
+        said = f"the passes of {len(excused)} of them lie up to {farthest:.2f} m apart"
         reason += f", and {said}, which the covariances of the trajectory explain"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN

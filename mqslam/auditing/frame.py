@@ -27,7 +27,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 
 Place = Callable[[se2.Array], Sweeps]
-"""A function that returns the points of a map under other poses (M, 3) of its track."""
+"""A function that returns the points of a map under other poses (M, 3) x, y [m], yaw [rad] of its track."""
 
 _FAR: Final = 0.3  # a wrong frame is off by more than this share of a sweep's spread: a one-sided view causes smaller errors
 _SIGMAS: Final = 5.0  # a wrong frame is also off by more than this many standard deviations
@@ -124,8 +124,8 @@ def _misses_headings(poses: se2.Array) -> bool:
 
 
 _READINGS: Final = (
-    Reading("the trajectory is mirrored", "y and yaw must count to the left, as seen from above", (1.0, -1.0, -1.0)),
-    Reading("the trajectory counts yaw the other way", "yaw must count to the left, as seen from above", (1.0, 1.0, -1.0)),
+    Reading("the trajectory is mirrored", "seen from above, y must point left of x and yaw turn left", (1.0, -1.0, -1.0)),
+    Reading("the trajectory counts yaw the other way", "seen from above, yaw must turn left", (1.0, 1.0, -1.0)),
 )
 
 
@@ -165,7 +165,7 @@ def judge_readings(
             reason = f"{whole} of the {len(tried)} windows that turn the most are whole once this error is undone"
             said = f"{reading.name}: {reading.remedy}"
             return Finding(VerdictStatus.FAIL, f"{reading.name}: {reason}", cause=Cause.MIRROR, explanation=said)
-    return Finding(VerdictStatus.PASS, "the map is whole under no other reading (mirrored, yaw counted the other way)")
+    return Finding(VerdictStatus.PASS, "neither a mirrored trajectory nor yaw counted the other way makes the map whole")
 
 
 def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:

@@ -128,7 +128,7 @@ class Known(NamedTuple):
 
 
 UNKNOWN: Final = Known()
-"""No other information about a trajectory than its poses."""
+"""Nothing is known about a trajectory besides its poses."""
 
 
 def _divide(psi: float, best: float) -> float | None:

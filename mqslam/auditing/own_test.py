@@ -25,7 +25,7 @@ def load_test(path: Path) -> MapTest:
         module = import_file(path.resolve(), "map_test")
     tests = [one for one in vars(module).values() if isinstance(one, MapTest) and one.judge is not None]
     if len(tests) != 1:
-        raise ConfigError(f"test {path}: defines {len(tests)} objects MapTest with a function judge; define one")
+        raise ConfigError(f"test {path}: defines {len(tests)} MapTest objects with a function judge; define exactly one")
     if tests[0].name in {test.name for test in TESTS}:
         raise ConfigError(f"test {path}: mqslam has a test of the name {tests[0].name}; choose another name")
     return tests[0]
@@ -43,10 +43,10 @@ def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Findi
         ConfigError: the test stops with an error, or returns something other than findings.
     """
     assert test.judge is not None, test
-    with blame(f"test {test.name}", STOPPED, ConfigError, "mend its file"):
+    with blame(f"test {test.name}", STOPPED, ConfigError, "mend the file of the test"):
         findings = list(test.judge(sweeps, settings))
     if not all(isinstance(one, Finding) for one in findings):
-        raise ConfigError(f"test {test.name}: returned something other than objects Finding; mend its file")
+        raise ConfigError(f"test {test.name}: returned something other than Finding objects; mend the file of the test")
     return [_explain(one) for one in findings]
 
 

@@ -251,13 +251,13 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     nees = float(np.sum(sure)) / degrees
     least, most = (float(bound) / degrees for bound in chi2.ppf([0.025, 0.975], degrees))
     chance = f"where right covariances would give {least:.2g} to {most:.2g}"
-    by = f"by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
+    by = f"judged by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
     if nees > most:
-        what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as they state"
+        what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as stated"
     elif nees < least:
         what = "are larger than the errors, or lack the correlations between poses"
     else:
-        what = "are honest"
+        what = "are as large as its errors"
     return Honesty(len(sure), nees, least, most, f"the covariances of the trajectory {what}, {by}")
 
 

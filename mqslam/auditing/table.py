@@ -60,13 +60,13 @@ _SPAN: Final = 1.5  # a span's tolerance divided by a step's tolerance: the ends
 _ROW: Final = 0.4  # tolerance of the mean offset of revisits that agree, as a share of the tolerance of a single revisit
 
 SCALE_WARN: Final = 0.002
-"""Distances or directions that are off by a larger share than this are worth a look [m/m]."""
+"""A larger bias of distances, or of the direction of travel, gets the verdict `warn` [m/m]: 0.2 % or 0.11 degrees."""
 TURN_WARN: Final = 8.7e-6
-"""A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."""
+"""A larger drift of the yaw gets the verdict `warn` [rad/m]: 0.05 degrees in 100 m."""
 LEVER_WARN: Final = 0.05
-"""A sensor that sits farther than this from where the trajectory has it is worth a look [m]."""
+"""A larger distance of the sensor from its place by the trajectory, ahead or to a side, gets the verdict `warn` [m]."""
 DELAY_WARN_S: Final = 0.01
-"""A trajectory whose stamps are late or early by more than this is worth a look [s]."""
+"""A larger delay of the trajectory's stamps, late or early, gets the verdict `warn` [s]."""
 
 
 def tolerate_window(settings: AuditConfig) -> tuple[float, None]:
@@ -111,13 +111,13 @@ TESTS: Final = (
         "in audits: the poses with the middles of a finished cloud's scans; a torn map with the maps under the mirrored "
         "trajectory and under yaw counted the other way",
         "a frame that is off by less than the width of a street",
-        rate="0.3 of the distance at which things are seen; half of the turning windows whole again",
+        rate="0.3 of the distance at which things are seen; less than half of the turning windows made whole",
     ),
     MapTest(
         "graph",
-        "psi of the map, and across passes, before and after optimisation",
+        "psi across passes, or of the whole map without passes, before and after optimisation",
         "loops that change nothing in the map",
-        rate="a tenth",
+        rate="a psi that is a tenth higher",
         of_run=True,
     ),
     MapTest(
@@ -129,21 +129,21 @@ TESTS: Final = (
     ),
     MapTest(
         "sensors",
-        "the trajectory's turns with a gyroscope's, and its turns and speed with odometry's; of a run also its distances "
-        "with those of GNSS fixes",
+        "the trajectory's turns with a gyroscope's, and its turns and speed with odometry's; in a run also its distances "
+        "with the distances between GNSS fixes",
         "what a bias of the gyroscope explains, slip",
         rate="0.5° in a few scans, 3 % of the turns, 0.1 s; 10 % of the speed",
     ),
     MapTest(
         "speeds",
-        "each window's two middle scans, searched for each other over all plausible speeds",
+        "each window's two middle scans, registered on each other over all plausible speeds",
         "errors that windows can measure",
         rate="what a window can correct; 5 % of the places",
         is_mendable=True,
     ),
     MapTest(
         "windows",
-        "the map of six scans with its best under a correction of the speed",
+        "the map of six scans with its best map under a correction of the speed",
         "faults between windows, and drift",
         tolerate_window,
         rate=", in 5 % of the windows",
@@ -160,7 +160,7 @@ TESTS: Final = (
     ),
     MapTest(
         "steps",
-        "the three scans before a place with the three after it",
+        "the three scans before a place with the three scans after it",
         "errors that grow slowly",
         tolerate_step,
         quantities=1,
@@ -186,7 +186,7 @@ TESTS: Final = (
     MapTest(
         "pooled",
         "all spans together with one scale, direction of travel, drift of yaw, place of the sensor and delay of the stamps",
-        "whether trajectory or ranges are wrong: what is scaled or mirrored with the ranges shows nowhere",
+        "whether the trajectory or the ranges are wrong, and errors that scale or mirror both alike",
         rate="0.2 %, 0.11°, 0.05° per 100 m, 0.05 m, 0.01 s",
         quantities=6,
         is_mendable=True,
@@ -200,7 +200,7 @@ TESTS: Final = (
         is_mendable=True,
     ),
 )
-"""All tests, in such an order that a fault that one test finds may explain the faults that later tests find."""
+"""All tests, in the order in which a fault found by one test may explain faults found by later tests."""
 
 _ORDER: Final = {test.name: number for number, test in enumerate(TESTS)}
 _QUANTITIES: Final = sum(test.quantities for test in TESTS)

@@ -260,7 +260,7 @@ def _judge_cover(track: Track) -> list[Finding]:
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
         f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, "
-        f"{describe_times(begin, end)}: the other scans were not judged, and its stamps may not fit the recording's"
+        f"{describe_times(begin, end)}: the other scans were not judged; check whether the stamps fit the recording's"
     )
     too_few = track.scans - track.uncovered < WINDOW
     status = VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN

@@ -295,7 +295,7 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
         followed: results of tracking the stretches in both orders.
     """
     name = "order of azimuths"
-    usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
+    usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN for a scan without points
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
     if len(gain) < FEWEST_STEPS:
         return CheckFinding(name, CheckVerdict.UNTOLD, followed.shortage)
@@ -327,10 +327,10 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
     if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
         text = f"odometry turns at {turning:.3f} rad/s: too slowly, or too unlike the radar, to compare directions"
         return CheckVerdict.UNTOLD, text, numbers
-    both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
+    both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, and if mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:
         return CheckVerdict.OK, both, numbers
-    remedy = "the radar seems to turn the other way round: see sensor.clockwise, or odometry's sign of yaw"
+    remedy = "the radar seems to turn the other way round: change sensor.clockwise, or the sign of odometry's yaw"
     return CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers
 
 
@@ -356,7 +356,7 @@ def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Ou
         allowed = f"within {_SHIFT_OK:g} of a turn of {recording.revolution_s:.2f} s"
         return CheckVerdict.OK, f"{fits}, {allowed}", numbers
     meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
-    remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
+    remedy = f"stamps seem to mean {meant} (change sensor.stamp), or the clocks differ"
     return CheckVerdict.SUSPICIOUS, f"{fits}; {remedy}", numbers
 
 
@@ -372,7 +372,7 @@ def _check_scale(recording: Recording, steps: Steps, odometry: Trajectory) -> Ou
     speeds = f"the radar's speed is {ratio:.3f} times odometry's with bins of {bin_m:.4g} m"
     if abs(ratio - 1.0) < _WRONG_SCALE:
         return CheckVerdict.OK, speeds, numbers
-    fitting = f"bins of {bin_m / ratio:.4g} m would fit" if ratio > _LEAST_RATIO else "they have little in common"
+    fitting = f"bins of {bin_m / ratio:.4g} m would fit" if ratio > _LEAST_RATIO else "the speeds have little in common"
     remedy = "state the right length of a range bin, unless odometry's scale is off"
     return CheckVerdict.SUSPICIOUS, f"{speeds}; {fitting}: {remedy}", numbers
 
@@ -382,7 +382,7 @@ _AGAINST_ODOMETRY: dict[str, tuple[Callable[[Recording, Steps, Trajectory], Outc
     "stamp convention": (_check_stamp, "only a motion measured by another clock shows a shift"),
     "range resolution": (_check_scale, "psi is the same for a map and a scaled copy of it"),
 }
-"""The checks against odometry by name, each with the reason why it needs odometry."""
+"""The checks against odometry by name, each with the reason why the check needs odometry."""
 
 
 def _yaw_rates(

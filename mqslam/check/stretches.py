@@ -189,7 +189,7 @@ class FollowedStretches:
 
     Args:
         steps: motions that psi found.
-        psi: (R,) psi per point of each of R scans; NaN where psi found no motion.
+        psi: (R,) psi per point of each of R scans; NaN for a scan without points.
         psi_backward: (R,) psi per point of the same scans if the azimuths of all scans are in the opposite order.
         shortage: why there are too few values to decide a check, as a text for the user.
     """
@@ -258,7 +258,7 @@ def _explain_shortage(stretches: Sequence[Stretch]) -> str:
     longest, needed = max((len(stretch.scans) for stretch in stretches), default=0), START_SCANS - 1 + FEWEST_STEPS
     if longest < needed:
         return f"the check needs {needed} polar scans without a gap between them; the longest such stretch has {longest}"
-    return "too few polar scans could be followed"
+    return "psi could track too few polar scans"
 
 
 def _reverse(scan: Scan) -> Scan:
@@ -270,6 +270,6 @@ def _reverse(scan: Scan) -> Scan:
 
 
 def _psi_per_point(tracked: Tracked) -> float:
-    """Returns psi per point of a tracked scan; NaN if it has no points or the track was lost."""
+    """Returns psi per point of a tracked scan; NaN if the scan has no points."""
     points = len(tracked.evaluation.matched)
     return tracked.evaluation.psi / points if points else float("nan")

@@ -92,7 +92,7 @@ def test_a_yaw_that_drifts_is_measured_and_told(degrees: float) -> None:
 def test_a_turned_mount_is_measured_and_told(degrees: float) -> None:
     found = pooled(mount=np.radians(degrees))
     assert np.degrees(found.bias[1]) == pytest.approx(degrees, abs=0.1)
-    assert judge_pooled(found, CONFIG.verdict).reason.endswith("its mount is turned by as much")
+    assert judge_pooled(found, CONFIG.verdict).reason.endswith("the sensor's mount is turned by this angle")
 
 
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])
@@ -107,7 +107,7 @@ def test_the_extrinsics_that_are_named_mend_a_turned_mount(degrees: float) -> No
 def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
     asked = Pooled(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0]), 40, PUNCTUAL)
     reason = judge_pooled(asked, CONFIG.verdict, np.array([1.5, -0.25, np.radians(90.0)])).reason
-    assert reason.endswith("its mount is turned by as much; give extrinsics 1.5,-0.25,89.00")
+    assert reason.endswith("the sensor's mount is turned by this angle; give extrinsics 1.5,-0.25,89.00")
 
 
 @pytest.mark.parametrize("arm", [(0.0, 0.2), (-0.3, 0.0), (1.2, -0.4)])
@@ -167,7 +167,7 @@ def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
     reason = judge_pooled(found, CONFIG.verdict, is_of_run=True).reason  # whose stamps are the recording's own
     side = "behind" if late > 0.0 else "ahead of"
     assert (
-        re.search(rf"motions of the front end are 0\.\d+ s \(.*\) {side} those of the scans", reason)
+        re.search(rf"motions of the front end are 0\.\d+ s \(.*\) {side} the scans' motions", reason)
         and "stamps" not in reason
     )
 

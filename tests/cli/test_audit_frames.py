@@ -51,7 +51,7 @@ def test_the_remedy_for_a_turned_mount_on_a_lidar_mends_it(tmp_path: Path) -> No
     words = ("audit", bag, "--trajectory", tmp_path / "base.tum")
     warned = mqslam(*words, "--out", tmp_path / "a", "--fail-on", "warn")
     assert warned.code == 1 and warned.out.startswith("verdict       warn: ")
-    remedy = re.search(r"its mount is turned by as much; give (--extrinsics) (0,0,-\d\.\d\d)\n", warned.out)
+    remedy = re.search(r"the sensor's mount is turned by this angle; give (--extrinsics) (0,0,-\d\.\d\d)\n", warned.out)
     assert remedy is not None and float(remedy[2].split(",")[2]) == pytest.approx(-1.0, abs=0.05)
     mended = mqslam(*words, remedy[1], remedy[2], "--out", tmp_path / "b", "--fail-on", "warn")
     assert mended.code == 0 and mended.out.startswith("verdict       pass: ")

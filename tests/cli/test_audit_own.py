@@ -31,12 +31,12 @@ def test_the_test_on_the_page_passes_and_fails_with_its_limit(street: Path, quic
 @pytest.mark.parametrize(
     "code, said",
     [
-        (CODE.replace("judge=judge", ""), "defines 0 objects MapTest with a function judge; define one"),
-        (CODE + "OTHER = MapTest('b', '', '', judge=judge)\n", "defines 2 objects"),
+        (CODE.replace("judge=judge", ""), "defines 0 MapTest objects with a function judge; define exactly one"),
+        (CODE + "OTHER = MapTest('b', '', '', judge=judge)\n", "defines 2 MapTest objects"),
         (CODE.replace("top_speed", "spans"), "mqslam has a test of the name spans; choose another name"),
         ("import absent_module", "cannot be imported (ModuleNotFoundError: No module named 'absent_module'); mend the file"),
         (CODE.replace("np.max", "np.absent"), "test top_speed: stopped with"),
-        (CODE.replace("return [Finding", "return [str"), "returned something other than objects Finding"),
+        (CODE.replace("return [Finding", "return [str"), "returned something other than Finding objects"),
     ],
 )
 def test_a_wrong_file_is_an_error_that_says_what_to_mend(

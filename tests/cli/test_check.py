@@ -79,13 +79,13 @@ def test_a_recording_read_as_it_was_made_is_ok_in_every_way(polar: tuple[Path, P
         pytest.param(
             "clockwise: false",
             "direction of rotation",
-            ["the radar seems to turn the other way round: see sensor.clockwise"],
+            ["the radar seems to turn the other way round: change sensor.clockwise"],
             marks=pytest.mark.slow,
         ),
         (
             "stamp: start",
             "stamp convention",
-            ["fits best 0.2", "earlier", "mean the end of the turn, not the start (sensor.stamp)"],
+            ["fits best 0.2", "earlier", "mean the end of the turn, not the start (change sensor.stamp)"],
         ),
     ],
 )

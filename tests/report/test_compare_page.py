@@ -104,7 +104,7 @@ def test_a_sceptic_reads_who_judges_and_by_what(pages: dict[str, Path], tmp_path
         assert shown in text, shown
     audit = replace(ROWS[0].audit, tests={"windows": []})
     write_comparison(tmp_path, a_comparison((replace(ROWS[0], audit=audit), ROWS[1])))
-    assert "By what?\nwindows: the map of six scans with its best under a correction of the speed\n" in text_of(tmp_path)
+    assert "By what?\nwindows: the map of six scans with its best map under a correction of the speed\n" in text_of(tmp_path)
 
 
 def test_agreement_and_failures_are_listed(pages: dict[str, Path]) -> None:

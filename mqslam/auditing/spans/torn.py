@@ -23,7 +23,7 @@ from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
 
 _TURNED: Final = 2.0
-"""An error of yaw may move points by this many tolerances: psi's own yaw over a span is at times off by 0.2 degrees."""
+"""Factor on the tolerance where an error of yaw moves points: psi's own yaw over a span is at times off by 0.2 degrees."""
 
 _UNUSUAL: Final = 0.05
 """A span with a smaller p-value is unusual: in a good map, one span in twenty is."""
@@ -32,7 +32,7 @@ COMMON: Final = np.diag([OWN_DRIFT_M**2, OWN_DRIFT_M**2, OWN_DRIFT_RAD**2]) / 10
 """Covariance, per metre of path, of the drift of psi itself, which repeated measurements do not show."""
 
 FREEDOM: Final = 1.0
-"""Degrees of freedom of the covariances' scale per span: half of the two that its repeats give, as spans overlap by half."""
+"""Degrees of freedom that a span adds to the scale of the covariances: two by its repeats, halved since spans overlap."""
 _OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the median of this many normal values
 
 

@@ -55,7 +55,7 @@ def judge_shaking(
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
     if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # chance would explain even that smoothing helps in all windows
         most_m, _ = tolerate_window(settings)
-        reason = f"noise of the poses: too few windows show it, so that up to {most_m:g} m from scan to scan could hide"
+        reason = f"noise of the poses: too few windows show it, so that noise of up to {most_m:g} m per scan could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     shared = sweeps, smoothed, estimator
     rises = np.array(engine.map(_measure_rise, shared, spans))

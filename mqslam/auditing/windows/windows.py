@@ -26,7 +26,7 @@ class Undecided(StrEnum):
 
     GAP = "its motion is interpolated across a gap of the trajectory"
     SPARSE = "its error may come from interpolation alone, since poses are too sparse for a turn"
-    APART = "nothing is seen twice, even at its best"
+    APART = "almost no point is seen twice, even in the best map"
 
 
 @dataclass(frozen=True, slots=True)
