@@ -151,7 +151,7 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off, by more than twice the tolerance of a jump and than chance."""
+    """Returns whether only a few scans at a step are off, by more than chance and by twice the tolerance of a jump."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
@@ -211,7 +211,7 @@ def judge_pooled(
         pooled: errors of the whole trajectory, estimated from all spans; None if there are too few spans.
         limits: settings of the verdict.
         extrinsics: (3,) pose x, y [m], yaw [rad] of the sensor in the frame whose motion the given trajectory describes,
-            such as the vehicle; None if the user cannot choose it.
+            such as the vehicle's frame; None if the user cannot choose the pose.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
         is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
     """
@@ -274,7 +274,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
-    """Returns the axes (0 forward, 1 left, 2 yaw) along which the bias is neither tolerated nor explained by chance."""
+    """Returns the axes (0 forward, 1 left, 2 yaw) along which `pooled.bias` is neither tolerated nor explained by chance."""
     largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
     return np.flatnonzero(found).tolist()
@@ -480,7 +480,7 @@ def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limi
     """Returns the longest row of successive revisits that agree on an offset; an empty list if no revisits agree.
 
     `_ROW` successive revisits agree if each is off by more than chance explains, and the mean of their offsets is larger
-    than its tolerance. The offset may change slowly along a longer row.
+    than is tolerated. The offset may change slowly along a longer row.
     """
     rare = [bool(one.p_value < share_of_false_alarms(limits)) for one in sure]
     agree = [
@@ -498,7 +498,7 @@ def _measure_mean(row: Sequence[RevisitAudit]) -> float:
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns in words why no revisit shows the map's drift and how much drift could hide; `judge_revisits` has `path_m`."""
+    """Returns in words why no revisit shows a drift and how much drift could hide; `path_m` is as in `judge_revisits`."""
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"

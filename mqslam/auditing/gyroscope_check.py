@@ -132,7 +132,7 @@ def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDA
 
 
 def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
-    """Returns the contradictions between a gyroscope and a trajectory in words; delays count only without `own_clock`."""
+    """Returns in words how a gyroscope contradicts a trajectory; a delay counts unless the gyroscope has its own clock."""
     faults = []
     if rotation.sign < 0.0:
         faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")

@@ -146,7 +146,7 @@ def audit(
     sampled: int | None = None,
     known: Known = UNKNOWN,
 ) -> Audit:
-    """Judges a map.
+    """Judges a map by all tests, and combines their findings into a verdict.
 
     Args:
         sweeps: points of the map under the trajectory.

@@ -17,7 +17,7 @@ def load_test(path: Path) -> MapTest:
     """Loads the `MapTest` with a function `judge` that a Python file defines.
 
     Raises:
-        ConfigError: the file cannot be imported or defines no or several such tests, or the test's name is taken.
+        ConfigError: the file is missing, cannot be imported, defines no or several such tests, or repeats a test's name.
     """
     if not path.is_file():
         raise ConfigError(f"test {path}: there is no such file; check the path")

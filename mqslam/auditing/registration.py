@@ -30,7 +30,7 @@ class Registration:
     """The registration of a later stretch of sweeps on an earlier stretch.
 
     Args:
-        earlier, later: numbers of the two sweeps in whose frames the two stretches are given.
+        earlier, later: numbers of the two sweeps in whose frames (the sensor's at their start) the stretches are given.
         between: (3,) pose of the later sweep in the frame of the earlier sweep by the trajectory [m, m, rad].
         path_m: length of the path between the two sweeps [m].
         offset: (3,) correction of the later stretch: its best pose by psi relative to its pose by the trajectory, in the
@@ -45,7 +45,7 @@ class Registration:
         doubt_m: largest error of the offset that interpolation between given poses can cause [m].
         rivals: (R, 3) other offsets [m, m, rad] at which the stretches fit about as well; empty if not asked for.
         repeats: (L, 3) measurements of the offset [m, m, rad], the first with these stretches and the others with sweeps
-            next to them; `offset` is their median. Empty if the offset was measured only once.
+            next to them; `offset` is their median. Empty if measurements are not repeated.
     """
 
     earlier: int
@@ -95,7 +95,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns the reach [m], [rad] of a wide search, which covers all plausible errors of the speed over `span_s` [s]."""
+    """Returns the reach in position [m] and yaw [rad] that covers all plausible errors of the speed over `span_s` [s]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 

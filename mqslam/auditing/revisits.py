@@ -35,7 +35,7 @@ _LEAST: Final = 3  # by definition: fewest offsets of a row, since two offsets m
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """The best poses by psi of later passes relative to their poses by a trajectory, in the order of time.
+    """Offsets of later passes: their best poses by psi, relative to their poses by a trajectory, in the order of time.
 
     Args:
         offsets: (N, 3) offsets in the frame of the later pose [m, m, rad].
@@ -63,7 +63,7 @@ class Offsets:
         return se2.adjoint(se2.between(self.poses[k], self.poses[i]))
 
     def differ(self, i: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns offset k minus offset i (3,) in the frame of the k-th later pose, and the covariance (3, 3)."""
+        """Returns the difference (3,) offset k minus offset i in the frame of the k-th later pose, and its covariance."""
         lever = self.carry(i, k)
         off = self.offsets[k] - lever @ self.offsets[i]
         return off, self.covariances[k] + lever @ self.covariances[i] @ lever.T
@@ -378,7 +378,7 @@ def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, sett
 
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
-    """Returns the share of torn revisits among the sure ones."""
+    """Returns the share of torn revisits among the sure revisits."""
     sure = [revisit for revisit in revisits if revisit.sure]
     return Share(sum(revisit.torn for revisit in sure), len(sure))
 

@@ -84,7 +84,7 @@ def read_stated_covariances(
 def fit_covariances(
     stated: StatedCovariances | None, offset_us: int, sweeps: Sweeps
 ) -> tuple[RelativeCovariances | None, list[str]]:
-    """Returns the covariances of the poses of sweeps, each the nearest in time, and notes for the user.
+    """Returns for the pose of each sweep the stated covariance with the nearest stamp, and notes for the user.
 
     The covariances are None if none are stated, or if they do not fit the sweeps and are not needed.
 

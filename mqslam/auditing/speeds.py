@@ -57,9 +57,9 @@ class SpeedCheck:
     """The motion between two successive scans compared with the trajectory's motion.
 
     Args:
-        error: (3,) mean velocity to be added to the trajectory's, in the frame of the later scan [m/s, m/s, rad/s].
+        error: (3,) mean velocity that corrects the trajectory's motion, in the frame of the later scan [m/s, m/s, rad/s].
         sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
-            capture range, the scans must also fit clearly worse by the trajectory.
+            capture range, the scans must also fit clearly worse where the trajectory places them.
     """
 
     error: se2.Array
@@ -191,7 +191,10 @@ def _measure_twist(shared: Shared, begin: int) -> se2.Array | None:
 
 
 def check_speed(shared: Shared, begin: int) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next sweep with the trajectory's; None if either has too few points."""
+    """Compares the motion from the sweep `begin` to the next sweep with the trajectory's motion.
+
+    Returns None if either sweep has too few points.
+    """
     measured = _register_next(shared, begin)
     return None if measured is None else measured[1]
 

@@ -100,7 +100,9 @@ def audit_steps(
 
 
 def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
-    """Returns whether the scans farther from a step show its offset, too (see `StepAudit`); True if the offset is small.
+    """Returns whether the scans farther from a step show its offset, too (see `StepAudit`).
+
+    True if the offset is tolerated or explained by chance, or if these scans hold too few points.
 
     Args:
         step: registration of the two sides of the step.
@@ -131,7 +133,7 @@ def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
 
     For a few scans, psi's curvature gives a covariance that is too small by a factor that depends on the surroundings. Also,
     a trajectory that is noisy everywhere has no jump. The variances are therefore scaled per axis until they explain the
-    offset of the median step. They are never made smaller.
+    offset of the median step. No variance is made smaller.
 
     Args:
         steps: all steps of the map.
@@ -161,7 +163,7 @@ def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
     """Returns the places to search again in a wider region, in order: a jump may be larger than the near search reaches.
 
     A place is the number of the first sweep after a step. Places are chosen if their two sides match poorly or fit elsewhere
-    as well. The places between these and the next steps follow, since one side of a step may contain a jump.
+    as well. The places between these and the next steps are chosen, too, since one side of a step may contain a jump.
 
     Args:
         near: the registration at each place, in order; None where either side holds too few points.
@@ -208,7 +210,7 @@ def _pick_beside(
 
 
 def _register_far(shared: Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step over all plausible speeds; None unless they then fit far better."""
+    """Registers the two sides of a step over all plausible speeds; None unless this makes them fit far better."""
     sweeps, settings, _ = shared
     registration = _register_step(shared, (place, compute_far_reach(measure_span(sweeps, place - 1), settings)))
     return registration if registration is not None and fits_far_better(registration) else None
@@ -225,5 +227,5 @@ def _register_step(shared: Shared, step: tuple[int, tuple[float, float]]) -> Reg
 
 
 def pick_sides(place: int) -> tuple[range, range]:
-    """Returns the numbers of `STEP_SCANS` sweeps before the sweep `place`, and of as many sweeps from it on."""
+    """Returns the numbers of the `STEP_SCANS` sweeps before the sweep `place`, and of `STEP_SCANS` sweeps from it on."""
     return range(place - STEP_SCANS, place), range(place, place + STEP_SCANS)

@@ -54,7 +54,7 @@ class Track:
         scans: number of scans of the recording.
         uncovered: number of these scans that the trajectory does not cover.
         extrinsics: (3,) pose x, y [m], yaw [rad] of the sensor in the frame whose motion the given trajectory describes,
-            such as the vehicle; None if the user cannot choose it.
+            such as the vehicle's frame; None if the user cannot choose the pose.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
     """
 

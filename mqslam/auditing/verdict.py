@@ -73,7 +73,7 @@ class Share:
         return self.upper_bound(_POWER) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float) -> VerdictStatus:
-        """Returns `fail` or `warn` if the share is above that limit, `pass` if it is below `fail`, else `not judged`."""
+        """Returns the verdict for the limits `warn` and `fail`; `not judged` if the share may be above or below `fail`."""
         if self.is_above(fail):
             return VerdictStatus.FAIL
         if self.is_above(warn):

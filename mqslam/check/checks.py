@@ -261,7 +261,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
 
 
 def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether every polar scan is a whole revolution without holes, and its azimuths were measured.
+    """Checks whether every polar scan is a whole revolution without holes, and whether its azimuths were measured.
 
     Args:
         stretches: stretches of the recording that were read.
@@ -318,7 +318,7 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
 
 
 def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether the radar's yaw rate has the sign of odometry's yaw rate."""
+    """Checks whether the radar's yaw rate has the same sign as odometry's yaw rate."""
     measured, _, given = _yaw_rates(recording, steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}

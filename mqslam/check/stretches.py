@@ -46,7 +46,7 @@ class Turn:
         step: usual step between neighbouring azimuths [rad].
         widest: widest step between neighbouring azimuths [rad].
         turn_s: duration of the revolution [s].
-        span_s: time from the first azimuth to the last one [s].
+        span_s: time from the first azimuth to the last azimuth [s].
         late_s: time from the start of the next polar scan to the last azimuth [s]; 0 if the last azimuth is earlier.
         repeated: whether the power equals the power of the previous polar scan, byte by byte.
     """
@@ -168,7 +168,7 @@ class Steps:
 
     Args:
         begins_us, ends_us: (S,) stamps at which the steps begin and end [us].
-        twists: (S, 3) mean twists over the steps [m/s, m/s, rad/s], in the sensor's frame at the begin of each step.
+        twists: (S, 3) mean twists over the steps, in the sensor's frame [m/s, m/s, rad/s].
     """
 
     begins_us: NDArray[np.int64]

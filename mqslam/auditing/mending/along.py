@@ -46,7 +46,7 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
         runner: where scans are registered; the result does not depend on it.
 
     Returns:
-        the motions, first across steps and then through spans; the numbers of their scans count all scans.
+        the motions, first across steps and then through spans, each with the indices of its two scans in `scans`.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     shared, known = (sweeps, config.audit, config.estimator), np.ones(len(sweeps), dtype=np.bool_)
@@ -84,9 +84,9 @@ def straighten(
 def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loop]:
     """Returns the ties, each with the covariance of the chained motions between its ends.
 
-    psi's curvature gives a tie a covariance that is far too small where returns have little noise. It does not show the
-    errors that ties and motions have in common: both are measured from the same returns, and objects show other faces when
-    they are seen from elsewhere.
+    psi's curvature gives a tie a covariance that is far too small where returns have little noise. The curvature does not
+    show the errors that ties and motions have in common: both are measured from the same returns, and an object that is seen
+    from elsewhere shows another face.
 
     Args:
         ties: ties between scans of one path.

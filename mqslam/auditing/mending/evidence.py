@@ -145,7 +145,7 @@ def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
 
 
 def register_successive(shared: Shared, engine: Engine, progress: Progress) -> list[Registration]:
-    """Registers every scan on the one before it; returns the registrations that constrain every direction.
+    """Registers every scan on the scan before it; returns the registrations that constrain every direction.
 
     Args:
         shared: points under a trajectory, settings of the audit and settings of the score.
@@ -167,7 +167,7 @@ def _register_scan(shared: Shared, place: int) -> Registration | None:
 def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
     """Returns psi's changes of yaw between successive scans, as ties that leave the position unknown.
 
-    Single scans show the yaw better than odometry does. Along corridors they do not show the position, so it is not used.
+    Single scans show the yaw better than odometry does. Along corridors they do not show the position, which is not used.
 
     Args:
         pairs: registrations of scans on the scans before them.
@@ -183,9 +183,9 @@ def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
 
 
 def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
-    """Returns the motion from the scan `half` scans before a registration's earlier scan to the scan `half` after its later.
+    """Returns the motion across a registration, from `half` scans before its earlier scan to `half` scans after its later.
 
-    Its covariance follows from `covariance` (3, 3), the covariance of the registration's offset in the later scan's frame.
+    `covariance` (3, 3) is the covariance of the registration's offset, in the frame of the later scan.
     """
     a, b = registration.earlier - half, registration.later + half
     before = se2.between(sweeps.poses[a], sweeps.poses[registration.earlier])

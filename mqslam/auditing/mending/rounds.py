@@ -110,8 +110,8 @@ def mend(
 ) -> Mended:
     """Mends a trajectory by its audit.
 
-    The mended trajectory has the stamps of the given trajectory, and the same motions between the scans. A map that is
-    rendered with it keeps its detail, and no motion is invented in a gap.
+    The mended trajectory has the stamps of the given trajectory, and moves like it between the scans. A map that is rendered
+    with the mended trajectory keeps its detail, and no motion is invented in a gap.
 
     Args:
         given: the trajectory and its audit.

@@ -60,7 +60,7 @@ class TiedChain:
         """Optimises the poses over steps, ties and those loops that agree with each other.
 
         Errors that grow slowly show only in loops. If the loops are farther off than the errors of steps and ties explain,
-        the variances of all steps and ties are multiplied by the factor that explains them.
+        the variances of all steps and ties are multiplied by the factor that explains the loops.
 
         Returns:
             The poses (N, 3) x, y [m], yaw [rad], and the loops that were used.

@@ -162,7 +162,7 @@ def _compute_p_values(
 
 
 def _count_chance(chances: NDArray[np.float64]) -> float:
-    """Returns the probability that at least as many spans of a good map are unusual (p-value below `_UNUSUAL`) by chance.
+    """Returns the probability that a good map has as many unusual spans (p-value below `_UNUSUAL`) as this map, or more.
 
     A trajectory that weaves is off by a little more than is tolerated in many places, but in none of them beyond doubt.
     Neighbouring spans share half of their path, so half of the spans and half of the unusual spans are counted.

@@ -183,7 +183,7 @@ def _psi_best(bend: Bend) -> float:
 
 
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
-    """Returns N points of a window in the frame of the sensor at its middle, and their times (N,) since then, in sweeps."""
+    """Returns N points of a window in the frame of the sensor at its middle, and times (N,) from this middle, in sweeps."""
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)
 
