@@ -238,7 +238,7 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that the errors in `pooled` explain; zeros if it is None."""
+    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that proven errors of `pooled` explain, or zeros."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
