@@ -1,7 +1,7 @@
-"""A simulated radar drive: a geometric scene, a true motion, a spinning radar, wheels that slip, a gyroscope and GNSS.
+"""Simulates a radar drive: a geometric scene, a true motion, a spinning radar, wheels that slip, a gyroscope and GNSS.
 
-`simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
-Both accept another `World` in place of the simulator's own; it determines what the radar sees of the scene, and when.
+`simulate_recording` makes a recording in memory, and `simulate` also writes the recording to disk in the Oxford layout. Both
+take a function that makes a `World`; the world determines what the radar sees of the scene, and when.
 """
 
 from mqslam.core.velocity import CHIRP_BETA

@@ -1,11 +1,10 @@
 """Casts one beam of the simulated radar: what the beam meets, how much power comes back, and into which range bins.
 
-A beam is cut into thin cells of its two-way pattern. Walls are clipped to the cells exactly, so an oblique wall fills
-the span of ranges that it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
+The two-way pattern of a beam is cut into thin cells. Walls are clipped to the cells exactly, so that an oblique wall fills
+all ranges that it crosses. A pole returns its echo from its nearest point, with the gain in the direction of its centre.
 
-Every `_cast` function takes the position of one thing in the frame of the beam, as (distance along the beam, distance to
-its left) [m], and the sensor's velocity relative to the thing in the same frame [m/s]. It adds the thing's echoes to the
-hits.
+`_cast_wall`, `_cast_pole` and `_cast_plant` take the position of a thing in the frame of the beam, as (distance along the
+beam, distance to the left of the beam) [m], and the sensor's velocity relative to the thing in the same frame [m/s].
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 All kernels live in this one file, because numba renews its cache when a kernel's own file changes, but not when the file
@@ -64,8 +63,8 @@ class Things(NamedTuple):
 class Sweep(NamedTuple):
     """Motion and beams of the sensor during one revolution of the radar."""
 
-    poses: Array  # (A, 3) pose at each azimuth, scene frame
-    twists: Array  # (A, 3) body velocity at each azimuth [m/s, m/s, rad/s]
+    poses: Array  # (A, 3) pose at each azimuth in the scene's frame [m, m, rad]
+    twists: Array  # (A, 3) body velocity forward, left, yaw rate at each azimuth [m/s, m/s, rad/s]
     times: Array  # (A,) time of each azimuth [s]
     angles: Array  # (A,) angle of the beam to the left of the sensor's heading [rad]
     betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
@@ -74,7 +73,7 @@ class Sweep(NamedTuple):
 class Pattern(NamedTuple):
     """The pattern of a beam, cut into cells."""
 
-    edges: Array  # (C + 1, 2) sine and cosine of the cells' edges, from right to left
+    edges: Array  # (C + 1, 2) sine and cosine of the angles of the cells' edges, from right to left
     gains: Array  # (C,) share of the beam's energy in each cell
     width: float  # one-way half-power width [rad]
 
@@ -82,17 +81,17 @@ class Pattern(NamedTuple):
 class SimulatedRadar(NamedTuple):
     """The parameters of `SensorModel` that shape the echoes, with linear power instead of levels in counts."""
 
-    bins: int
-    resolution: float
-    spread: float
-    wall_echo: float
-    pole_echo: float
-    noise: float
+    bins: int  # number of range bins
+    resolution: float  # true length of a range bin [m]
+    spread: float  # standard deviation of an echo along the range [bins]
+    wall_echo: float  # power of the echo of a wall
+    pole_echo: float  # power of the echo of a lamp post
+    noise: float  # mean power of the noise
     speckle: float
-    roughness: float
-    saturation: float
-    clutter: float
-    range_offset: float
+    roughness: float  # [m]
+    saturation: float  # probability per azimuth
+    clutter: float  # probability per bin
+    range_offset: float  # [m]
 
 
 class Hits(NamedTuple):
@@ -104,7 +103,7 @@ class Hits(NamedTuple):
 
 @nb.njit(cache=True, nogil=True)
 def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: SimulatedRadar, seed: int) -> NDArray[np.uint8]:
-    """Renders the received power of one revolution of the radar as counts (A, B) uint8, as `render_polar_scan` does."""
+    """Returns the received power of one revolution of the radar as counts (A, B) uint8; `seed` is the seed of all noise."""
     np.random.seed(seed)
     cells = len(pattern.gains)
     hits = Hits(np.empty((cells, HITS, 5)), np.zeros(cells, dtype=np.int64))
@@ -157,7 +156,7 @@ def _cast_wall(
     u0, w0 = start
     u1, w1 = end
     if u0 < NEAREST and u1 < NEAREST:
-        return  # this early, because taking the arrays out of their tuples costs as much as these tests
+        return  # before the arrays are taken out of their tuples, which costs as much as these tests
     edges, gains = pattern.edges, pattern.gains
     cells = len(gains)
     if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:
@@ -197,7 +196,10 @@ def _cast_wall(
 
 @nb.njit(cache=True, nogil=True)
 def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
-    """Returns the ends of the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative."""
+    """Returns the ends of the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative.
+
+    If there is no such part, the second end is not larger than the first.
+    """
     if at_start < 0.0 and at_end < 0.0:
         return 1.0, 0.0
     if at_start < 0.0:
@@ -242,7 +244,11 @@ def _cast_pole(
 def _cast_mover(
     mover: Array, time: float, pose: Array, velocity: Pair, axis: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds the sides of a vehicle, a row of `Scene.movers`, at a time [s]; the beam points along the unit vector `axis`."""
+    """Adds the sides of a vehicle, a row (9,) of `Scene.movers`, at a time [s] to the hits.
+
+    The beam begins at the sensor's pose (3,) and points along the unit vector `axis`, both in the scene's frame. `velocity`
+    [m/s] is the sensor's velocity in the frame of the beam.
+    """
     c, s = np.cos(mover[2]), np.sin(mover[2])
     along = (mover[4] + mover[5] * time) % mover[3]
     dx, dy = mover[0] + along * c - pose[0], mover[1] + along * s - pose[1]
@@ -266,7 +272,7 @@ def _cast_mover(
 def _cast_plant(
     middle: Pair, radius: float, density: float, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds a plant of a radius [m] and a density [1/m] to every cell whose central ray passes through the plant's disc."""
+    """Adds a plant of a radius [m] and a density [1/m] to the hits of all cells whose central ray meets its disc."""
     u, w = middle
     edges, gains, table, counts = pattern.edges, pattern.gains, hits.table, hits.counts
     cells = len(counts)
@@ -291,7 +297,10 @@ def _cast_plant(
 
 @nb.njit(cache=True, nogil=True)
 def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
-    """Adds the echoes of a beam's hits to its row of power (B,); in each cell, nearer hits weaken the hits behind them."""
+    """Adds the echoes of a beam's hits to a row (B,) of power; in each cell, nearer hits weaken the hits behind them.
+
+    `beta` is the range shift per closing speed [s].
+    """
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):
@@ -313,7 +322,7 @@ def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> N
 
 @nb.njit(cache=True, nogil=True)
 def _deposit(row: Array, place: float, energy: float, spread: float) -> None:
-    """Adds a Gaussian echo of peak `energy` at a fractional bin `place` (0 is the middle of bin 0) to a row (B,)."""
+    """Adds a Gaussian echo of peak `energy` and width `spread` [bins] at bin `place` (0: middle of bin 0) to a row (B,)."""
     first = int(np.floor(place + 0.5)) - ECHO_HALF_WIDTH
     x = first - place
     k = 0.5 / spread**2
@@ -328,7 +337,7 @@ def _deposit(row: Array, place: float, energy: float, spread: float) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def _write_counts(row: Array, noise: float, out: NDArray[np.uint8]) -> None:
-    """Writes a row of power (B,) with exponential noise of mean power `noise` as logarithmic counts (B,) uint8."""
+    """Adds exponential noise of mean power `noise` to a row (B,) of power, and writes it to `out` (B,) as half decibels."""
     floor = COUNTS_PER_NEPER * np.log(noise) if noise > 0.0 else -np.inf
     for b in range(len(row)):
         chance = np.random.random()

@@ -13,8 +13,8 @@ from mqslam.simulator.scene import BLOCK, LANE, Scene
 
 Times = NDArray[np.float64]
 
-_ROUND = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE)  # the right-hand lane round a block, along x and y [m]
-_CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners [m/s], and largest change of speed [m/s^2]
+_ROUND = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE)  # size of one round in the right-hand lane, along x and y [m]
+_CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners [m/s], largest acceleration [m/s^2]
 _CURVATURE, _RAMP_M = 0.11, 5.0  # curvature in the middle of a corner [1/m], and length over which it rises and falls
 
 
@@ -23,7 +23,7 @@ class Drive(ABC):
 
     @abstractmethod
     def poses(self, times: Times) -> se2.Array:
-        """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s], scene frame; yaw is continuous."""
+        """Returns the poses (N, 3) x, y [m], yaw [rad] at times (N,) [s] in the scene's frame; the yaw is not wrapped."""
 
     @abstractmethod
     def twists(self, times: Times) -> se2.Array:
@@ -37,7 +37,7 @@ class ConstantDrive(Drive):
     Args:
         v: forward speed [m/s].
         omega: yaw rate [rad/s].
-        start: pose at time zero, x [m], y [m], yaw [rad].
+        start: pose at time zero in the scene's frame, x [m], y [m], yaw [rad].
     """
 
     v: float
@@ -45,22 +45,22 @@ class ConstantDrive(Drive):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def poses(self, times: Times) -> se2.Array:
-        """Returns the poses (N, 3) at times (N,) [s]."""
+        """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s] in the scene's frame."""
         return se2.compose(np.array(self.start), se2.exp(np.array([self.v, 0.0, self.omega]), times))
 
     def twists(self, times: Times) -> se2.Array:
-        """Returns the body velocities (N, 3) at times (N,) [s]."""
+        """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
         return np.tile([self.v, 0.0, self.omega], (len(times), 1))
 
 
 @dataclass(frozen=True)
 class SampledDrive(Drive):
-    """A drive along the cubic spline through sampled poses with sampled velocities, which also applies beyond the samples.
+    """A drive along the cubic spline through sampled poses and rates; its first and last piece continue beyond the samples.
 
     Args:
-        times: (N,) [s], increasing.
-        samples: (N, 3) x [m], y [m], yaw [rad], yaw unwrapped.
-        rates: (N, 3) time derivatives of the samples, in the scene's frame [m/s, m/s, rad/s].
+        times: (N,) times of the samples [s], increasing.
+        samples: (N, 3) poses x [m], y [m], yaw [rad] in the scene's frame; the yaw is not wrapped.
+        rates: (N, 3) time derivatives of these poses [m/s, m/s, rad/s].
     """
 
     times: Times
@@ -68,7 +68,7 @@ class SampledDrive(Drive):
     rates: se2.Array
 
     def poses(self, times: Times) -> se2.Array:
-        """Returns the poses (N, 3) at times (N,) [s]."""
+        """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s] in the scene's frame."""
         i, f, step = self._find_intervals(times)
         a, b, ra, rb = self._ends(i, step)
         return (
@@ -79,7 +79,7 @@ class SampledDrive(Drive):
         )
 
     def twists(self, times: Times) -> se2.Array:
-        """Returns the body velocities (N, 3) at times (N,) [s]."""
+        """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
         i, f, step = self._find_intervals(times)
         a, b, ra, rb = self._ends(i, step)
         rate = (6.0 * f * (1.0 - f) * (b - a) + (1.0 - f) * (1.0 - 3.0 * f) * ra + f * (3.0 * f - 2.0) * rb) / step
@@ -89,21 +89,26 @@ class SampledDrive(Drive):
         return np.column_stack([ahead, left, rate[:, 2]])
 
     def _find_intervals(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
-        """Returns the number (N,) of each time's interval, its passed share 0..1 (N, 1), and its duration (N, 1) [s]."""
+        """Finds the intervals between samples for times (N,) [s].
+
+        Returns:
+            The number (N,) of each interval, the share (N, 1) of the interval that has passed at the time, and the duration
+            (N, 1) of the interval [s]. Beyond the samples, the share is below 0 or above 1.
+        """
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]
         return i, (times - self.times[i])[:, None] / step, step
 
     def _ends(self, i: NDArray[np.intp], step: Times) -> tuple[se2.Array, se2.Array, se2.Array, se2.Array]:
-        """Returns the samples at both ends of intervals, and their derivatives times the intervals' durations."""
+        """Returns the samples (N, 3) at both ends of intervals `i` (N,), and the rates there times `step` (N, 1) [s]."""
         return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
 def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
     """Makes a drive of counter-clockwise rounds of a street scene's middle block, in the right-hand lane.
 
-    The drive enters and leaves corners gradually; one round takes about 47 s. It starts at the midpoint of the side with the
-    least y, and heads along x.
+    At the default speed, one round takes about 47 s. The drive starts at the midpoint of the block's side with the least y,
+    heading along x.
 
     Args:
         duration_s: how long to drive [s].
@@ -127,7 +132,12 @@ def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
 
 
 def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
-    """Returns distances (N,) [m] along one round; poses (N, 3), curvatures (N,) [1/m], speed limits (N,) [m/s] there."""
+    """Lays one round of the middle block, with the speed limit `speed` [m/s] on its straights.
+
+    Returns:
+        Distances (N,) along the round [m], and at these distances the poses (N, 3) [m, m, rad] in the scene's frame, the
+        curvatures (N,) [1/m] and the speed limits (N,) [m/s].
+    """
     corner, bend, spacing = _lay_corner()
     poses = [np.array([[0.0, -_ROUND[1] / 2.0, 0.0]])]
     places, curvatures, limits = [np.zeros(1)], [np.zeros(1)], [np.full(1, speed)]
@@ -155,8 +165,8 @@ def _lay_corner() -> tuple[se2.Array, Times, float]:
     """Lays a left-hand corner of 90 degrees whose curvature [1/m] rises and falls linearly.
 
     Returns:
-        Poses (N, 3) in the frame of the corner's start, without the start itself; the curvatures (N,) [1/m] at these
-        poses; the spacing of the poses [m].
+        Poses (N, 3) [m, m, rad] in the frame of the corner's start, without the start itself; the curvatures (N,) [1/m]
+        at these poses; the distance between successive poses [m].
     """
     length = np.pi / 2.0 / _CURVATURE + _RAMP_M
     place = np.linspace(0.0, length, round(length / 0.1) + 1)
@@ -171,12 +181,12 @@ def _lay_corner() -> tuple[se2.Array, Times, float]:
 
 
 def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Times:
-    """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration.
+    """Returns the largest speeds (N,) [m/s] along a path that exceed neither the speed limits nor an acceleration.
 
     Args:
         distance: (N,) distances along the path [m], increasing by equal steps.
-        limit: (N,) speed limits there [m/s].
-        acceleration: largest change of speed [m/s^2].
+        limit: (N,) speed limits at these distances [m/s].
+        acceleration: largest acceleration, and largest deceleration [m/s^2].
     """
     squared = limit**2
     gain = 2.0 * acceleration * (distance[1] - distance[0])
@@ -188,7 +198,7 @@ def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Ti
 
 
 def make_tunnel_drive(duration_s: float) -> SampledDrive:
-    """Makes a drive along x that starts 60 m before the origin, at a speed that swings around 10 m/s between 7 and 13."""
+    """Makes a drive along x that starts at x = -60 m; the speed varies between 7 and 13 m/s with a period of 24 s."""
     times = np.arange(0.0, duration_s + 0.5, 0.02)
     phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
     zeros = np.zeros_like(times)
@@ -197,7 +207,10 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 
 
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves vehicles of a scene along their lanes so that, if possible, no vehicle meets a drive of `duration_s` [s]."""
+    """Returns the scene with its moving vehicles shifted along their lanes, so that none touches the radar's own vehicle.
+
+    A vehicle that would touch the radar's vehicle after every shift stays in its place.
+    """
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
     movers = scene.movers.copy()
@@ -210,7 +223,8 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
     """Returns whether another vehicle, which starts at `place` [m] along its lane, would touch the radar's own vehicle.
 
-    The other vehicle is a row (9,) of `Scene.movers`. The own vehicle has poses (N, 3) at times (N,) [s].
+    The other vehicle is `mover`, a row (9,) of `Scene.movers`. The radar's vehicle has poses (N, 3) [m, m, rad] in the
+    scene's frame at times (N,) [s].
     """
     x, y, _ = poses.T
     c, s = np.cos(mover[2]), np.sin(mover[2])

@@ -1,7 +1,7 @@
 """Simulates the other sensors on the vehicle with their errors: wheels that slip, a gyroscope, and a GNSS receiver.
 
-Every function simulates the measurements of a sensor on a drive, given the duration of the drive [s], the stamp of time
-zero [us], the errors of the sensor, and the seed of these errors.
+Every `simulate` function takes a drive, the duration of the drive [s], the stamp of the drive's time zero [us], the errors
+of the sensor, and the seed from which these errors are drawn.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _EQUATOR_M, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 class OdometryModel:
     """Errors of wheel odometry and its yaw-rate gyro."""
 
-    rate_hz: float = 20.0  # rows per second
+    rate_hz: float = 20.0  # rows, the readings of the wheels, per second
     scale: float = 0.02  # standard deviation of the speed's relative error, which is drawn once per recording
     speed_noise: float = 0.05  # standard deviation of a row's speed [m/s]
     bias: float = 0.004  # standard deviation of the yaw rate's bias at the start [rad/s]
     bias_walk: float = 0.001  # standard deviation by which the bias wanders in a second [rad/s]
     rate_noise: float = 0.01  # standard deviation of a row's yaw rate [rad/s]
-    slip: float = 0.12  # relative excess of the measured yaw rate when the vehicle turns hard
-    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice this rate on, slip is full
+    slip: float = 0.12  # relative excess of the measured yaw rate where the wheels slip fully
+    hard_turn: float = 0.2  # yaw rate [rad/s] at which the wheels begin to slip; at twice this rate, they slip fully
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class WheelOdometry:
     omega: NDArray[np.float64]  # (N,) yaw rate [rad/s]
 
     def dead_reckon(self) -> Trajectory:
-        """Integrates the rows to a trajectory that begins at the origin with the first row."""
+        """Integrates the rows to a trajectory, which begins at the origin at the stamp of the first row."""
         steps = np.diff(self.stamps_us) * 1e-6
         moves = se2.exp(np.c_[self.v, np.zeros_like(self.v), self.omega][:-1], steps)
         return Trajectory(self.stamps_us, se2.integrate_steps(moves))
@@ -113,7 +113,7 @@ def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: Gy
 
 @dataclass(frozen=True)
 class ReceiverModel:
-    """Errors of a single-frequency receiver, such as the u-blox M8 and M9, whose median error is 2 to 2.5 m."""
+    """Errors of a single-frequency GNSS receiver, such as the u-blox M8 and M9, whose median error is 2 to 2.5 m."""
 
     rate_hz: float = 1.0  # fixes per second
     noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states this value for every fix
@@ -128,7 +128,7 @@ class ReceiverModel:
 def simulate_fixes(
     drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
 ) -> Fixes:
-    """Simulates a receiver's fixes at the radar's position during a drive; no fix lies under the scene's roofs (R, 4)."""
+    """Simulates a receiver's fixes of the radar's position during a drive, without fixes under `Scene.roofs` (R, 4)."""
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     true = drive.poses(times)[:, :2]
@@ -146,7 +146,7 @@ def simulate_fixes(
 
 
 def _draw_spells(rng: np.random.Generator, duration_s: float, per_minute: float, mean_s: float) -> list[tuple[float, float]]:
-    """Draws spells at random times, `per_minute` on average and `mean_s` long [s]: their beginnings and ends [s]."""
+    """Draws the begin and the end [s] of random spells: `per_minute` of them and `mean_s` [s] long, both on average."""
     begins = rng.uniform(0.0, duration_s, rng.poisson(per_minute * duration_s / 60.0))
     return list(zip(begins.tolist(), (begins + rng.exponential(mean_s, len(begins))).tolist(), strict=True))
 
@@ -154,7 +154,7 @@ def _draw_spells(rng: np.random.Generator, duration_s: float, per_minute: float,
 def _find_degrees(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns latitudes (N,) and longitudes (N,) [deg] of places (N, 2) [m] in the tangent plane at the scene's origin.
 
-    The Earth's radii of curvature are taken at the origin, so that the result is wrong by some metres ten kilometres away.
+    The Earth's radii of curvature are taken at the origin, so that the result is off by some metres at ten kilometres.
     """
     latitude, longitude = ORIGIN_DEG
     squared = _FLATTENING * (2.0 - _FLATTENING)

@@ -41,7 +41,7 @@ class World(Protocol):
         """Returns the time [s] with which a correct clock stamps the end of the last revolution."""
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Renders the readings (A, B) of revolution k; they do not depend on which other revolutions are rendered."""
+        """Returns the counts (A, B) uint8 of revolution k, half a decibel each; other revolutions do not affect them."""
 
     def describe(self) -> dict[str, Any]:
         """Returns the parameters of the world for the JSON file that is written beside a recording."""
@@ -71,19 +71,19 @@ class ClearWorld:
         return self.turns / self.sensor.turn_rate_hz
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Renders the readings (A, B) of revolution k, each azimuth from the pose at its stamp in whole microseconds."""
+        """Returns the counts (A, B) uint8 of revolution k, each azimuth from the pose at its stamp in whole microseconds."""
         times = np.asarray((to_stamps(self.stamps(k), START_US) - START_US) * 1e-6, dtype=np.float64)
         poses, twists = self.drive.poses(times), self.drive.twists(times)
         return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
 
     def describe(self) -> dict[str, Any]:
-        """Returns no parameters, since scene, radar and seed define this world."""
+        """Returns an empty dictionary, since scene, radar and seed define this world."""
         return {}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRecording(Recording):
-    """A drive through a scene as a recording; `simulate_recording` makes one."""
+    """A recording of a simulated drive through a scene; `simulate_recording` makes it."""
 
     scene: Scene  # what reflects
     drive: Drive  # how the sensor moves
@@ -115,7 +115,7 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
     gyroscope: GyroscopeModel | None = None,
     receiver: ReceiverModel | None = None,
 ) -> SimulatedRecording:
-    """Makes a recording of a drive through a scene: whole polar scans, wheel odometry and ground truth.
+    """Makes a recording of a drive through a scene: polar scans of whole revolutions, wheel odometry and ground truth.
 
     Args:
         scene: what reflects.

@@ -1,4 +1,4 @@
-"""Scenes that the simulated radar drives through: walls, poles, moving vehicles and plants, in a fixed world frame.
+"""Scenes that the simulated radar drives through: walls, poles, moving vehicles and plants, in one fixed frame.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
@@ -20,17 +20,19 @@ LANE = 1.75
 BLOCK = (100.0, 72.0)
 """Distance between the centre lines of neighbouring streets of a street scene [m], along x and along y."""
 
-_TUNNEL_M, _TUNNEL_STREET = 5.5, 100.0  # half of a tunnel's width, length of the streets before and behind it [m]
+_TUNNEL_M, _TUNNEL_STREET = 5.5, 100.0  # half of a tunnel's width, and length of the street at each of its ends [m]
 
 
 def _no_rows(columns: int) -> Array:
-    """Returns an array (0, columns) without rows."""
+    """Returns an empty array (0, columns)."""
     return np.empty((0, columns))
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The reflecting things of a world. House walls have a reflectivity of 1, and so have lamp posts among the poles.
+    """The reflecting things of a scene, in the scene's frame.
+
+    A reflectivity is a factor on the power of an echo: 1 stands for a usual house wall and, for poles, a usual lamp post.
 
     Args:
         walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
@@ -38,8 +40,8 @@ class Scene:
         movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], distance
             along the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
             the lane's end begins again at the lane's start.
-        plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam blocked per metre, 0..1.
-        roofs: (R, 4) x0 [m], y0 [m], x1 [m], y1 [m] of rectangles under which no satellite is seen.
+        plants: (N, 4) round shrubs and crowns: x [m], y [m], radius [m], density: blocked share of the beam per metre, 0..1.
+        roofs: (R, 4) x0 [m], y0 [m], x1 [m], y1 [m] of rectangles under which a receiver sees no satellite.
     """
 
     walls: Array = field(default_factory=lambda: _no_rows(6))
@@ -51,14 +53,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneParts:
-    """The walls, poles and plants of a scene that is being made: lists of arrays with the rows of `Scene`."""
+    """The walls, poles and plants collected for a scene, as lists of arrays with the columns of the arrays in `Scene`."""
 
     walls: list[Array] = field(default_factory=list)
     poles: list[Array] = field(default_factory=list)
     plants: list[Array] = field(default_factory=list)
 
     def finish(self, movers: Array | None = None, roofs: Array | None = None) -> Scene:
-        """Returns the scene of all parts, with moving vehicles (M, 9) and roofs (R, 4)."""
+        """Returns the scene of all parts, with moving vehicles (M, 9) and roofs (R, 4) as in `Scene`; None means none."""
         return Scene(
             np.concatenate(self.walls),
             np.concatenate(self.poles),
@@ -72,7 +74,7 @@ class SceneParts:
         self.poles.append(np.column_stack([places, np.broadcast_to(radii, len(places)), reflectivities]))
 
     def add_vehicle(self, rng: np.random.Generator, centre: Array, yaw: float) -> None:
-        """Adds a parked vehicle, given its centre (2,) [m] and yaw [rad]."""
+        """Adds a parked vehicle of random size, given its centre (2,) [m] and yaw [rad]."""
         self.walls.append(make_vehicle(rng, centre, yaw))
 
     def add_building(
@@ -82,9 +84,9 @@ class SceneParts:
 
         Args:
             rng: generator of the house's details.
-            corner: (2,) [m] end of the front at which `along` begins; `inward` points to the left of `along`.
+            corner: (2,) the end of the front at which `along` begins [m].
             along: (2,) unit vector along the front.
-            inward: (2,) unit vector from the street into the house.
+            inward: (2,) unit vector to the left of `along`, from the street into the house.
             length: length of the front [m].
             depth: depth of the house [m].
         """
@@ -112,18 +114,18 @@ def make_box(centre: Array, yaw: float, size: Array, reflectivity: float, opacit
 
 
 def make_vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
-    """Returns a parked vehicle as four walls (4, 6), given its centre (2,) [m] and yaw [rad]."""
+    """Returns a parked vehicle of random size as walls (4, 6), given its centre (2,) [m] and yaw [rad]."""
     size = np.array([rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)])
     return make_box(centre, yaw, size, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
 
 
 def draw_mover(rng: np.random.Generator) -> tuple[float, float]:
-    """Draws length and width [m] of a moving vehicle: a car, or a bus now and then."""
+    """Draws the length and the width [m] of a moving vehicle: usually a car, sometimes a bus."""
     return (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
 
 
 def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
-    """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
+    """Makes nine blocks of a city: uneven facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
     The middle block is centred at the origin. The lanes around it that a counter-clockwise drive uses have no moving
     vehicles, because moving vehicles do not give way.
@@ -181,7 +183,7 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0) -> Scene:
 
 
 def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
-    """Makes a yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
+    """Makes a yard at the origin: buildings 10 to 150 m away, trees, lamps and parked vehicles around it.
 
     Args:
         seed: another seed gives another yard.
@@ -242,7 +244,10 @@ def _streets() -> Iterator[tuple[Array, float, float]]:
 
 
 def _furnish(rng: np.random.Generator, start: Array, heading: float, length: float, parts: SceneParts) -> None:
-    """Adds lamps, trees and parked vehicles on both sides of a street, away from the crossings."""
+    """Adds lamps, trees and parked vehicles along a street, away from the crossings.
+
+    The street begins at `start` (2,) [m] and leads in the direction `heading` [rad] for `length` [m].
+    """
     along = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-along[1], along[0]])
     crossing = length / 3.0
@@ -267,7 +272,7 @@ def _furnish(rng: np.random.Generator, start: Array, heading: float, length: flo
 
 
 def _traffic(rng: np.random.Generator, number: int) -> Array:
-    """Returns vehicles (number, 9) on the lanes of a street scene that a drive round the middle block does not use."""
+    """Returns vehicles (number, 9), as in `Scene.movers`, on lanes that a drive round the middle block does not use."""
     inner, outer = [], []
     for quarter in range(4):
         heading = quarter * np.pi / 2.0
@@ -281,7 +286,10 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 
 
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
-    """Returns vehicles (number, 9) at random on lanes (start, heading, length); all vehicles of a lane are equally fast."""
+    """Returns vehicles (number, 9), as in `Scene.movers`, at random places of lanes; vehicles of one lane have one speed.
+
+    A lane is its start (2,) [m], its heading [rad] and its length [m].
+    """
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))
     for m in range(number):

@@ -1,4 +1,4 @@
-"""The simulated radar: every azimuth is cast from the pose that the sensor has at the time of this azimuth."""
+"""The simulated radar: each azimuth of a polar scan is rendered from the sensor's pose at the time of this azimuth."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per revolution, clockwise, as the Oxford layout stores azimuths."""
-_MOST_READINGS = 64_000_000  # size of the largest polar scan: readers accept no larger images
-_LARGEST_FAULTS = {"bin_error": 0.5, "azimuth_offset_deg": 180.0, "late_s": 10.0}  # limits on nonsense
-_PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
+_MOST_READINGS = 64_000_000  # largest number of azimuths times range bins: readers accept no larger images
+_LARGEST_FAULTS = {"bin_error": 0.5, "azimuth_offset_deg": 180.0, "late_s": 10.0}  # larger faults are mistakes
+_PATTERN_WIDTHS = 3.0  # width of all cells of a beam together [beam widths]: outside, the gain is negligible
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class SensorModel:
         range_resolution: length of a range bin [m].
         max_range: largest range at which the last bin may end [m].
         beam_width_deg: one-way half-power width of the beam.
-        cells: number of thin parts that the beam is cut into, over three beam widths.
+        cells: number of thin parts into which the beam is cut, over three beam widths.
         spread_bins: standard deviation of an echo along the range [bins].
-        wall_level: counts of the echo of a wall at right angles to the beam, 10 m away.
-        pole_level: counts of the echo of a lamp post in the middle of the beam, 10 m away.
-        noise_level: counts of the mean thermal noise; 0 means no noise.
+        wall_level: echo of a wall at right angles to the beam, 10 m away [counts of half a decibel].
+        pole_level: echo of a lamp post in the middle of the beam, 10 m away [counts].
+        noise_level: mean thermal noise [counts]; 0 means no noise.
         speckle: share of an echo's power that fluctuates, 0..1.
         roughness: standard deviation of a surface's depth [m].
         saturation_probability: probability that the noise of an azimuth is 15 to 25 dB higher.
@@ -45,6 +45,9 @@ class SensorModel:
         bin_error: share by which a range bin is truly longer than `range_resolution`, which the recording states.
         azimuth_offset_deg: direction of the beam when the encoder is at zero, counter-clockwise from straight ahead [deg].
         late_s: by how much every stamp of the radar is later than the instant that it stands for [s].
+
+    Raises:
+        ConfigError: a parameter is outside its range.
     """
 
     turn_rate_hz: float = 4.0
@@ -89,17 +92,17 @@ class SensorModel:
 
     @property
     def bins(self) -> int:
-        """Number of range bins per azimuth."""
+        """Number of range bins per azimuth: all that end within `max_range`."""
         return int(self.max_range / self.range_resolution + 1e-9)
 
     @property
     def rising(self) -> NDArray[np.bool_]:
-        """Which azimuths (A,) have a chirp that goes up: all of them, or every other one."""
+        """Which azimuths (A,) have a chirp that goes up: all of them or, with alternating chirps, every other one."""
         return np.asarray((np.arange(self.azimuths) % 2 == 0) | (not self.chirps))
 
     @property
     def betas(self) -> NDArray[np.float64]:
-        """Range shift per closing speed (A,) [s] of the azimuths, with the opposite sign where the chirp goes down."""
+        """Range shift per closing speed (A,) [s] of each azimuth, with the opposite sign where the chirp goes down."""
         return np.where(self.rising, self.doppler_beta, -self.doppler_beta)
 
     @property
@@ -114,7 +117,7 @@ class SensorModel:
 
     @property
     def directions(self) -> NDArray[np.float64]:
-        """True directions (A,) [rad] of the beam at these azimuths, counter-clockwise from straight ahead."""
+        """True directions (A,) [rad] of the beam at the azimuths in `angles`, counter-clockwise from straight ahead."""
         return np.asarray(self.angles + np.deg2rad(self.azimuth_offset_deg))
 
     @property
@@ -128,7 +131,7 @@ class SensorModel:
         return self.range_resolution * (1.0 + self.bin_error)
 
     def describe(self) -> dict[str, float]:
-        """Returns the parameters by name, without those faults of the sensor that are zero."""
+        """Returns the parameters by name; a fault, such as `late_s`, is left out where it is zero."""
         return {name: value for name, value in asdict(self).items() if value or name not in _LARGEST_FAULTS}
 
 
@@ -144,9 +147,9 @@ def render_polar_scan(
 
     Args:
         scene: what reflects.
-        poses: (A, 3) pose of the sensor at each azimuth, scene frame.
-        twists: (A, 3) body velocity of the sensor at each azimuth [m/s, m/s, rad/s].
-        times: (A,) time of each azimuth [s], which determines where moving vehicles are.
+        poses: (A, 3) pose of the sensor at each azimuth in the scene's frame [m, m, rad].
+        twists: (A, 3) body velocity of the sensor at each azimuth: forward [m/s], left [m/s], yaw rate [rad/s].
+        times: (A,) time of each azimuth [s]; it determines where moving vehicles are.
         sensor: the radar.
         seed: seed of the noise of this polar scan; the same seed gives the same bytes.
 
@@ -180,7 +183,7 @@ def render_polar_scan(
 
 
 def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
-    """Returns the things of a scene without the walls, poles and plants that are out of range from all poses (A, 3)."""
+    """Returns the things of a scene, without walls, poles and plants farther than `max_range` [m] from all poses (A, 3)."""
     middle = poses[len(poses) // 2, :2]
     reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
     starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]
@@ -197,5 +200,5 @@ def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
 
 
 def _to_power(level: float) -> float:
-    """Returns the linear power that corresponds to a level in counts."""
+    """Returns the linear power of a level in counts of half a decibel."""
     return float(10.0 ** (level / COUNTS_PER_DECADE))

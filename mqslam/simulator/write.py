@@ -28,8 +28,8 @@ SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X with longer range bins and a shorter range than the real one, so that its recordings stay small."""
-_MOST_LATE_S = 10.0  # a limit on nonsense: no driver takes longer to stamp a reading
-_LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
+_MOST_LATE_S = 10.0  # larger delays are mistakes: no software takes longer to stamp a reading
+_LONGEST_S = 7 * 24 * 3600.0  # limits the disk space, far beyond any use
 
 
 def simulate(  # noqa: PLR0913 - these are the options of a simulation, each with its default
@@ -47,7 +47,9 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> SimulatedRecording:
-    """Simulates a drive and writes it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
+    """Simulates a drive and writes it as a recording; if an error occurs, nothing is written.
+
+    The same arguments give the same bytes, whatever `jobs` is.
 
     Args:
         out: folder to make; it may exist, but must be empty.
@@ -57,7 +59,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: seed of the scene and of all noise.
-        movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
+        movers: number of moving vehicles; None takes the scene's usual number.
         world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical part) or `none` (no gyroscope).
         imu_rate_hz: readings of the gyroscope per second.
@@ -124,7 +126,11 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
 
 
 def _make_scene(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
-    """Makes the scene of a given name, and the drive through it."""
+    """Returns the scene of a given name, and the drive through it.
+
+    Raises:
+        ConfigError: there is no scene of this name, or a parameter makes no sense.
+    """
     if movers is not None and movers < 0:
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
     if not 0.0 < duration_s <= _LONGEST_S:
@@ -147,7 +153,11 @@ def _make_scene(scene: str, seed: int, duration_s: float, movers: int | None) ->
 
 
 def _find_gyroscope(grade: str, rate_hz: float, late_s: float) -> GyroscopeModel | None:
-    """Returns the gyroscope of a grade, with its rate [1/s] and the delay of its clock [s]; None for `none`."""
+    """Returns the gyroscope of a grade, with its rate [1/s] and the delay of its stamps [s]; None for the grade `none`.
+
+    Raises:
+        ConfigError: there is no such grade, or a parameter makes no sense.
+    """
     if grade == "none":
         return None
     if grade not in GRADES:
@@ -160,7 +170,7 @@ def _find_gyroscope(grade: str, rate_hz: float, late_s: float) -> GyroscopeModel
 
 
 def _write_table(file: Path, stamps_us: NDArray[np.int64], columns: list[tuple[str, NDArray[np.float64], str]]) -> None:
-    """Writes a CSV of stamps [us] and columns, each given by its name, its values and their format."""
+    """Writes a CSV file of stamps (N,) [us] and columns, each given by its name, its values (N,) and their format."""
     rows = zip(stamps_us.tolist(), *(values.tolist() for _, values, _ in columns), strict=True)
     lines = [",".join(["t", *(name for name, _, _ in columns)])]
     for stamp, *values in rows:
@@ -172,7 +182,7 @@ def _write_table(file: Path, stamps_us: NDArray[np.int64], columns: list[tuple[s
 def _write_polar_scans(
     folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], object] | None
 ) -> None:
-    """Writes every polar scan, `jobs` at a time, in threads: the renderer and the PNG encoder release Python's lock."""
+    """Writes all polar scans in `jobs` threads, since the renderer and the PNG encoder release Python's lock."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
             written = pool.map(lambda k: oxford.write_polar_scan(folder, recording, k, recording[k]), range(len(recording)))

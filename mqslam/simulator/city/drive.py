@@ -103,7 +103,12 @@ def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[i
 
 
 def _round_corner(before: Array, after: Array) -> Array:
-    """Returns points (N, 2) on a rounded corner from the end of piece `before` (2, 2) to the start of piece `after`."""
+    """Returns points (N, 2) [m] of a rounded corner between two straight pieces.
+
+    Args:
+        before: (2, 2) start and end of the piece before the corner [m].
+        after: (2, 2) start and end of the piece after the corner [m].
+    """
     a, b = before[1], after[0]
     distance = float(np.hypot(*(b - a)))
     u, v = before[1] - before[0], after[1] - after[0]
@@ -114,7 +119,7 @@ def _round_corner(before: Array, after: Array) -> Array:
 
 
 def _wander(rng: np.random.Generator, points: Array) -> Array:
-    """Moves points (N, 2) of a path a little to its sides, since nobody drives exactly on the centre line of a lane."""
+    """Returns points (N, 2) [m] of a path, moved a little sideways, since nobody drives exactly on a lane's centre line."""
     sigma = WANDER_LENGTH / SPACING
     aside = gaussian_filter1d(rng.standard_normal(len(points)), sigma) * np.sqrt(2.0 * np.sqrt(np.pi) * sigma) * WANDER
     along = np.gradient(points, axis=0)
@@ -123,7 +128,7 @@ def _wander(rng: np.random.Generator, points: Array) -> Array:
 
 
 def _curvatures(line: CubicSpline, along: Array) -> Array:
-    """Returns the curvatures (N,) [1/m] of a line at distances (N,) along it [m]."""
+    """Returns the curvatures (N,) [1/m] of a line, whose parameter is the distance [m], at distances `along` (N,) [m]."""
     (dx, dy), (ex, ey) = line(along, 1).T, line(along, 2).T
     return np.asarray((dx * ey - dy * ex) / np.hypot(dx, dy) ** 3)
 
@@ -131,7 +136,7 @@ def _curvatures(line: CubicSpline, along: Array) -> Array:
 def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Array]:
     """Returns times (M,) [s] and the distances (M,) [m] reached at these times.
 
-    Speeds (N,) [m/s] and waits (N,) [s] are given at distances `along` (N,) [m]. In between, the acceleration is constant.
+    Speeds (N,) [m/s] and waits (N,) [s] are given at distances `along` (N,) [m]; the acceleration is constant in between.
     """
     steps = 2.0 * np.diff(along) / (speeds[1:] + speeds[:-1])
     arrived = np.r_[0.0, np.cumsum(steps + waits[:-1])]
@@ -140,7 +145,10 @@ def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Ar
 
 
 def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: float) -> SampledDrive:
-    """Makes a drive along a line (parameter: distance [m]) that passes the distances `reached` [m] at given times [s]."""
+    """Makes a drive along a line that reaches the distances `reached` (M,) [m] at the times (M,) [s].
+
+    The parameter of the line is the distance along it [m]. The drive's time zero is `UNDER_WAY_S` after zero of these times.
+    """
     ticks = np.asarray(np.arange(-200, round(duration_s / 0.02) + 250) * 0.02, dtype=np.float64)
     progress = gaussian_filter1d(np.interp(ticks + UNDER_WAY_S, times, reached), TIME_SMOOTHING / 0.02)
     kept = (ticks >= -1.0) & (ticks <= duration_s + 1.0)
@@ -244,7 +252,10 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
 
 
 def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
-    """Returns the way from the end of the course `here` to the nearest street of a round, then the whole round backwards."""
+    """Returns the way from the course `here` to the nearest street of a round, then the whole round backwards.
+
+    Ways and rounds are lists of the numbers of courses.
+    """
     tour = [k ^ 1 for k in tour[::-1]]
     way = net.find_way(here, tour, np.ones(len(net.lengths)))
     begin = tour.index(way[-1])
@@ -252,7 +263,7 @@ def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
 
 
 class _Net:
-    """The network of all courses with their lengths [m], in which shortest ways are found.
+    """The network of all courses with their lengths (C,) [m], in which shortest ways are found.
 
     A course can be followed by any course that begins at its end, except by its own way back.
     """
@@ -271,9 +282,9 @@ class _Net:
         return np.isin(np.arange(len(self.lengths)) // 2, np.array(route) // 2)
 
     def find_way(self, here: int, goals: list[int], factors: NDArray[np.float64]) -> list[int]:
-        """Returns the shortest way to the nearest goal as numbers of courses, without the course `here` at which it begins.
+        """Returns the shortest way from the course `here` to the nearest of the courses `goals`; empty if there is no way.
 
-        The lengths of the courses are multiplied by `factors` (C,).
+        The way consists of numbers of courses, without `here`. The lengths of the courses are multiplied by `factors` (C,).
         """
         costs = (self.lengths * factors)[self._after]
         size = len(self.lengths)

@@ -68,7 +68,7 @@ class Block:
 
     kind: BlockKind  # what stands in it
     outline: Array  # (K, 2) the centre lines of the streets around it [m], counter-clockwise
-    insets: Array  # (K,) distance of the house line from each piece of the outline [m]
+    insets: Array  # (K,) distance from each piece of the outline to the house line, behind which houses stand [m]
     fronts: tuple[Street, ...]  # (K,) the street along each piece of the outline
 
 
@@ -81,7 +81,7 @@ class CityPlan:
     blocks: tuple[Block, ...]  # all blocks
 
     def clearances(self) -> Array:
-        """Returns the distance (C,) [m] from each crossing within which its streets have no furniture."""
+        """Returns for each crossing the distance (C,) [m] within which streets have no lamps, trees or parked vehicles."""
         reach = np.zeros(len(self.crossings))
         for street in self.streets:
             for end in street.ends:
@@ -89,7 +89,7 @@ class CityPlan:
         return reach
 
     def driven_streets(self) -> tuple[Street, ...]:
-        """Returns the streets that a drive can use: all streets for vehicles that are not at the edge of the net."""
+        """Returns the streets that a drive can use: all but footways and streets at the edge of the net."""
         return tuple(s for s in self.streets if s.kind != "footway" and _is_inside(s.ends))
 
 
@@ -130,7 +130,10 @@ def _choose_sights(rng: np.random.Generator) -> _Sights:
 
 
 def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
-    """Returns the crossings (C, 2) [m] of an uneven grid, displaced at random and by long waves."""
+    """Returns the crossings (C, 2) [m] of an uneven grid, displaced by long waves and at random.
+
+    The crossings in the row `carriageway` are not displaced at random along y.
+    """
     x, y = (np.r_[0.0, np.cumsum(rng.uniform(*span, n - 1))] for n, span in ((COLUMNS, (78, 165)), (ROWS, (66, 120))))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1)
     moves = rng.uniform(-7.0, 7.0, grid.shape)
@@ -141,7 +144,9 @@ def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
 
 
 def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) -> dict[tuple[int, int], Street]:
-    """Lays a street between all neighbouring crossings; some streets become footways, so that blocks differ in size.
+    """Lays a street between all neighbouring crossings (C, 2) [m], and returns the streets by the numbers of their ends.
+
+    Some streets become footways, so that drives go round blocks of different sizes.
 
     Every crossing that vehicles reach keeps two streets that lead on, so that no drive ends in a blind alley.
     """
@@ -172,7 +177,7 @@ def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) ->
 
 
 def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> StreetKind:
-    """Returns the kind of the street that begins at a crossing and runs along x if `is_row` is true, else along y."""
+    """Returns the kind of the street from the crossing at `column` and `row` along x if `is_row` is true, else along y."""
     across, up = sights.park
     if is_row:
         if row == sights.carriageway:
@@ -184,7 +189,7 @@ def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> Street
 
 
 def _draw_profile(rng: np.random.Generator) -> Profile:
-    """Draws the cross section of a line of streets: a main street, a side street or a lane."""
+    """Draws the cross section of all streets of a row or column: main streets, side streets or narrow streets."""
     chance = rng.random()
     if chance < 0.35:
         half, verge, speed = rng.uniform(3.8, 4.8), rng.uniform(7.0, 9.5), 13.5
@@ -198,7 +203,7 @@ def _draw_profile(rng: np.random.Generator) -> Profile:
 def _lay_street(
     rng: np.random.Generator, crossings: Array, ends: tuple[int, int], kind: StreetKind, profile: Profile
 ) -> Street:
-    """Lays one street, straight or with a bend near its midpoint."""
+    """Lays the street between the crossings with the numbers `ends`, straight or with a bend near its midpoint."""
     a, b = crossings[list(ends)]
     if kind == "footway":
         profile = Profile(1.0, rng.uniform(0.8, 2.5), (), 0.0)
@@ -236,11 +241,11 @@ def _make_block(
 
 
 def offset_line(line: Array, distances: Array, *, closed: bool) -> Array:
-    """Moves every piece of a polyline to its left, and makes the pieces meet again.
+    """Moves every piece of a polyline to its left, and lengthens or shortens the moved pieces so that they meet again.
 
     Args:
-        line: (N, 2) [m]; the last point of a closed line is joined to its first.
-        distances: distance by which every piece is moved [m]: (N,) of a closed line, (N - 1,) of an open one.
+        line: (N, 2) points [m]; the last point of a closed line is joined to the first one.
+        distances: (N,) distance by which each piece is moved [m]; (N - 1,) for a line that is not closed.
         closed: whether the line is a polygon.
 
     Returns:
@@ -263,7 +268,7 @@ def offset_line(line: Array, distances: Array, *, closed: bool) -> Array:
 
 
 def contains(polygon: Array, points: Array) -> NDArray[np.bool_]:
-    """Returns which of the points (N, 2) lie in a polygon (K, 2)."""
+    """Returns for each of the points (N, 2) [m] whether it lies in a polygon (K, 2) [m], as an array (N,)."""
     x, y = points[:, :1], points[:, 1:]
     a, b = polygon, np.roll(polygon, -1, axis=0)
     crossed = (a[:, 1] > y) != (b[:, 1] > y)
@@ -280,7 +285,7 @@ def distance_to_pieces(points: Array, starts: Array, ends: Array) -> Array:
 
 
 def draw_inside(rng: np.random.Generator, polygon: Array, number: int) -> Array:
-    """Draws `number` points in the box around a polygon, and returns the points (M, 2) that lie in the polygon."""
+    """Draws `number` points in the box around a polygon (K, 2) [m], and returns the points (M, 2) [m] inside the polygon."""
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     points = rng.uniform(low, high, (number, 2))
     return np.asarray(points[contains(polygon, points)])

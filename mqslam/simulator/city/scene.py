@@ -51,7 +51,10 @@ def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
 
 
 def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves vehicles along their lanes out of the way of a drive, and removes those that the drive would still meet."""
+    """Returns the scene with its vehicles moved along their lanes out of the way of a drive.
+
+    Vehicles that would still touch the radar's own vehicle are removed.
+    """
     scene = clear_way(scene, drive, duration_s)
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
@@ -60,7 +63,10 @@ def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) -> Array:
-    """Returns vehicles (M, 9), rows of `Scene.movers`, on the lanes of a city, at most one in each slot."""
+    """Returns vehicles (M, 9), as in `Scene.movers`, on the lanes of a city, at most one in each slot.
+
+    M is `number` if there are as many slots; None takes the usual share of the slots.
+    """
     slots = [(lane, place) for lane in _lay_lanes(rng, plan) for place in np.arange(0.0, lane[3] - SLOT + 1.0, SLOT)]
     number = int(USUAL_TRAFFIC * len(slots)) if number is None else min(number, len(slots))
     movers = np.empty((number, 9))
@@ -73,7 +79,10 @@ def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) 
 
 
 def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[tuple[float, float, float, float, float]]:
-    """Returns the straight pieces of all lanes between the crossings: start [m], heading [rad], length [m], speed [m/s]."""
+    """Returns the straight pieces of all lanes that are longer than a slot, without the crossings.
+
+    Each piece is its start x, y [m], its heading [rad], its length [m] and the speed of the vehicles on it [m/s].
+    """
     clearances = plan.clearances()
     lanes = []
     for street in plan.streets:
@@ -103,12 +112,12 @@ Span = tuple[float, float]
 
 
 class _Style(NamedTuple):
-    """How a block is built up: spans [m] of setback, depth and length of its houses, and probability and span of gaps."""
+    """How the houses of a block are built, with spans as (least, greatest) [m]."""
 
-    setback: Span
+    setback: Span  # distance from the house line
     depth: Span
     length: Span
-    gap_chance: float
+    gap_chance: float  # probability of a gap between two houses
     gap: Span
 
 
@@ -120,7 +129,7 @@ _STYLES = {
 
 
 def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> None:
-    """Adds everything that stands in a block."""
+    """Adds everything that stands in a block to the parts of a scene."""
     house_line = offset_line(block.outline, block.insets, closed=True)
     if block.kind == "river":
         _build_banks(rng, block, house_line, parts)
@@ -133,7 +142,7 @@ def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> No
 
 
 def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, parts: SceneParts) -> None:
-    """Adds a railing, fence or barrier between two points (2,) [m]: pieces of random length and reflectivity, some posts."""
+    """Adds a railing, fence or barrier between two points (2,) [m]: walls of random reflectivity from a span, and posts."""
     length = float(np.hypot(*(end - start)))
     cuts = np.cumsum(np.r_[0.0, rng.uniform(2.0, 9.0, int(length / 2.0) + 1)])
     cuts = np.minimum(cuts[: np.searchsorted(cuts, length) + 1], length)
@@ -146,7 +155,7 @@ def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivit
 
 
 def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, parts: SceneParts) -> None:
-    """Adds trees at positions (N, 2) [m]: trunks, and on some of them crowns that are low enough for the radar to see."""
+    """Adds trees at positions (N, 2) [m]: trunks and, with probability `crown_chance`, crowns low enough for the radar."""
     number = len(places)
     parts.add_poles(places, rng.uniform(0.1, 0.35, number), 1.3 * rng.lognormal(0.0, 0.5, number))
     low = places[rng.random(number) < crown_chance]
@@ -154,7 +163,7 @@ def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, part
 
 
 def _add_plants(rng: np.random.Generator, places: Array, radius: Span, density: Span, parts: SceneParts) -> None:
-    """Adds plants at positions (N, 2) [m], with radii [m] and densities drawn from two spans."""
+    """Adds plants at positions (N, 2) [m]; radii [m] and densities (as in `Scene.plants`) are drawn from two spans."""
     number = len(places)
     parts.plants.append(np.c_[places, rng.uniform(*radius, number), rng.uniform(*density, number)])
 
@@ -169,7 +178,7 @@ def _add_hedge(rng: np.random.Generator, start: Array, end: Array, parts: SceneP
 
 
 def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, style: _Style, parts: SceneParts) -> None:
-    """Adds rows of houses along the sides of a block, and what stands before and behind them."""
+    """Adds rows of houses along the sides of a block, then hedges and fences before them and things in the court behind."""
     depth, setback = rng.uniform(*style.depth), rng.uniform(*style.setback)
     front = offset_line(house_line, np.full(len(house_line), setback), closed=True)
     after = np.roll(front, -1, axis=0)
@@ -217,7 +226,7 @@ def _bound_plot(rng: np.random.Generator, start: Array, end: Array, parts: Scene
 
 
 def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, houses: list[Array], parts: SceneParts) -> None:
-    """Adds sheds, parked vehicles and trees where a block has no houses."""
+    """Adds sheds, parked vehicles and trees to a block outside its houses, each of which is given by corners (4, 2) [m]."""
     inside = offset_line(house_line, np.full(len(house_line), 3.0), closed=True)
     taken = list(houses)
     vehicles = 14 if block.kind == "halls" else 4
@@ -234,7 +243,10 @@ def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, house
 
 
 def _add_where_free(box: Array, house_line: Array, taken: list[Array], parts: SceneParts) -> None:
-    """Adds a box of four walls (4, 6) if it lies within the house line and reaches into no box in `taken`."""
+    """Adds a box of four walls (4, 6) if it lies inside the house line (K, 2) [m] and outside the boxes `taken` (4, 2) [m].
+
+    The corners of a box that was added are appended to `taken`.
+    """
     corners = box[:, :2]
     if not _overlaps(corners, taken) and np.all(contains(house_line, corners)):
         taken.append(corners)
@@ -286,7 +298,7 @@ PARKING_VERGE = 5.0
 
 
 def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], parts: SceneParts) -> None:
-    """Adds the things along a street; at its two ends, distances `clear` [m] stay free."""
+    """Adds the things along a street, but not within the distances `clear` [m] of its first and its second end."""
     first, last = clear[0] + 1.0, street.length - clear[1] - 1.0
     if street.kind == "footway" or last - first < 5.0:
         return
@@ -307,7 +319,7 @@ def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float,
 def _furnish_side(
     rng: np.random.Generator, street: Street, span: tuple[float, float], side: float, parts: SceneParts
 ) -> None:
-    """Adds the things on the left (side 1) or right (side -1) of a street, between two distances along it [m]."""
+    """Adds the things on the left (side 1) or right (side -1) of a street, from one distance along it to another [m]."""
     half, verge = street.profile.half, street.profile.verge
     parks = verge > PARKING_VERGE and street.kind == "street"
     kerb = half + (2.5 if parks else 0.5)
@@ -332,7 +344,7 @@ def _add_lamps(rng: np.random.Generator, street: Street, along: Array, left: flo
 
 
 def _draw_places(rng: np.random.Generator, first: float, last: float, steps: tuple[float, float]) -> Array:
-    """Draws distances (N,) along a street [m] between `first` and `last`, with random steps from a span [m]."""
+    """Draws distances (N,) along a street [m] from `first` to `last`, with steps drawn from a span (least, greatest) [m]."""
     number = max(0, int((last - first) / steps[0])) + 1
     along = first + np.cumsum(rng.uniform(*steps, number)) - rng.uniform(0.0, steps[0])
     return np.asarray(along[along < last])
