@@ -26,19 +26,19 @@ COUNTS_PER_DECADE = 20.0
 COUNTS_PER_NEPER = COUNTS_PER_DECADE / np.log(10.0)
 """uint8 counts per factor of e in power."""
 NOISE_COUNTS = COUNTS_PER_NEPER * np.log(-np.log(1.0 - (np.arange(16384) + 0.5) / 16384))
-"""Quantiles of exponential noise of mean power 1, in counts: most bins hold only noise, and a look-up is quick."""
+"""Quantiles of exponential noise of mean power 1, in counts: a table is quick, and most bins hold only noise."""
 NEAREST = 1.0
-"""Distance ahead [m] within which nothing is seen."""
+"""Distance from the radar [m] within which it sees nothing."""
 REFERENCE_RANGE = 10.0
 """Range [m] at which the echoes have their nominal power."""
 PLANT_ECHO = 0.3
-"""Echo of leaves that take the whole beam, as a share of the echo of a wall of reflectivity 1 at right angles."""
+"""Echo of leaves that fill the beam, as a share of the echo of a wall of reflectivity 1 at right angles to the beam."""
 GRAZING_ECHO = 0.1
 """Echo of a wall that the beam grazes, as a share of its echo at right angles."""
 CLUTTER_DECADES = (1.5, 4.5)
-"""Least and greatest power of a clutter echo, which nothing in the scene causes, as powers of ten."""
+"""Least and greatest power of a clutter echo, which nothing in the scene causes, as exponents of ten."""
 SATURATION_DECADES = (1.5, 2.5)
-"""Least and greatest excess of a saturated azimuth's noise, as powers of ten."""
+"""Least and greatest factor on the noise of a saturated azimuth, as exponents of ten."""
 ECHO_HALF_WIDTH = 4
 """Number of range bins to which an echo extends on either side of its peak."""
 HITS = 96
@@ -46,7 +46,7 @@ HITS = 96
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [0.5, 0.5]])
 """Corners of a vehicle in units of its length and width; the first corner is repeated at the end."""
 NEAR, FAR, ENERGY, OPACITY, CLOSING = range(5)
-"""Columns of a hit: nearest and farthest range [m], energy, blocked share of the cell's beam, closing speed [m/s]."""
+"""Columns of a hit: nearest and farthest range [m], echo energy (linear), blocked share of the cell, closing speed [m/s]."""
 
 Pair = tuple[float, float]
 

@@ -17,7 +17,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.simulator.drive import Drive
 
 SLOWEST_HZ, FASTEST_HZ = 50.0, 200.0
-"""Rates at which vehicles' gyroscopes are usually read [1/s]."""
+"""Lowest and highest rate at which gyroscopes of vehicles are usually read [1/s]."""
 ORIGIN_DEG = (51.76, -1.26)
 """Latitude and longitude of the scene's origin, in Oxford; x points east and y north."""
 _EQUATOR_M, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563

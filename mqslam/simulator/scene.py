@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
-"""Share of the beam that a thing blocks: the antenna sits on a vehicle's roof, so much of the beam passes over things."""
+"""Shares of the beam that a wall, a vehicle and a pole block. The antenna sits on a roof, so part of the beam passes."""
 LANE = 1.75
 """Distance of a lane's centre line from the street's centre line [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)

@@ -29,9 +29,9 @@ ROUNDING = 0.47
 
 The handles of an arc would be slightly shorter."""
 PATH_SMOOTHING, TIME_SMOOTHING = 2.5, 0.5
-"""Standard deviations of the smoothing of the path [m] and of the progress along it [s]."""
+"""Standard deviations of the filters that smooth the path [m] and the progress along the path [s]."""
 WANDER, WANDER_LENGTH = 0.12, 25.0
-"""Standard deviation of the sideways position in the lane, and the distance over which the position changes [m]."""
+"""Standard deviation of the sideways position in the lane [m], and the distance over which this position changes [m]."""
 AHEAD, SIDEWAYS = 1.4, 1.8
 """Largest accelerations along and across the path [m/s^2]."""
 STOP_CHANCE = 0.25
@@ -40,7 +40,7 @@ STOP_S = (2.0, 6.0)
 """Shortest and longest stop [s]."""
 
 UNDER_WAY_S = 10.0
-"""Time for which the vehicle has already been on its route when the drive's time is zero [s]."""
+"""Time that the vehicle has already spent on its route at the drive's time zero [s]."""
 
 
 def make_city_drive(seed: int, duration_s: float) -> SampledDrive:

@@ -24,9 +24,9 @@ from mqslam.simulator.drive import Drive, clear_way, meets
 from mqslam.simulator.scene import Array, Scene, SceneParts, draw_mover, make_box, make_vehicle
 
 SLOT = 25.0
-"""Length of lane [m] that holds one moving vehicle at most, so that vehicles of one lane stay apart."""
+"""Length of a slot of a lane [m]; a slot holds at most one moving vehicle, so that vehicles of one lane stay apart."""
 USUAL_TRAFFIC = 0.2
-"""Share of the slots that hold a vehicle."""
+"""Usual share of the slots that hold a vehicle."""
 
 
 def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
