@@ -1,1 +1,1 @@
-"""Compares front ends on one recording, with the same returns, the same back end and the same judges."""
+"""Compares front ends on one recording, with the same returns, the same back end and the same audit."""

@@ -1,7 +1,7 @@
 """Finds the best row (front end or given trajectory) of a comparison, and says in words what decides.
 
 Errors against ground truth decide first, then the shares of torn windows and of torn revisits, then the verdicts. psi per
-point over neighbours in time decides nothing, since it is as small for a map that bends slowly as for one that does not.
+point over neighbours in time decides nothing, since it is as small for a map that bends slowly as for a correct map.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class Standing:
 
     Args:
         name: name of the row.
-        drift_percent: error [%] of KITTI's segments against ground truth, or None where it is not known.
-        ate_rmse_m: position error [m] against ground truth, or None where it is not known.
-        windows: share of its windows that are torn.
-        revisits: share of its sure revisits that are torn.
+        drift_percent: mean translation error [%] of KITTI's segments against ground truth; None where it is not known.
+        ate_rmse_m: position error [m] against ground truth, root mean square; None where it is not known.
+        windows: share of torn windows among the windows that are decided (see `WindowAudit`).
+        revisits: share of torn revisits among the revisits that are sure (see `RevisitAudit`).
         verdict: the verdict on its map.
     """
 
@@ -68,7 +68,7 @@ class Best:
 
 
 class _Figure(NamedTuple):
-    """A row's value of one criterion, the range within which the value may lie by chance, and its text in a sentence."""
+    """A row's value of one criterion, the range in which chance may put the value, and the value's text for a sentence."""
 
     name: str
     value: float
@@ -96,7 +96,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
         rows: errors and shares of the rows that ran.
 
     Returns:
-        the best row, or the rows between which no criterion decides; None for fewer than two rows.
+        The best row, or the rows between which no criterion decides; None for fewer than two rows.
     """
     if len(rows) < 2:
         return None
@@ -131,7 +131,7 @@ def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
 
 
 def _state_share(name: str, share: Share) -> _Figure | None:
-    """Returns a share as a figure with its exact binomial range; None where nothing was counted."""
+    """Returns a share as a figure with its exact binomial confidence range; None where nothing was counted."""
     if not share.total:
         return None
     value = share.count / share.total
@@ -157,7 +157,7 @@ _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
 
 
 def _explain(tie: _Tie) -> str:
-    """Returns in words why a criterion does not decide, and which rows it rules out nevertheless."""
+    """Returns in words why a criterion does not decide between some rows, and which other rows it shows to be worse."""
     names, texts = join_words([figure.name for figure in tie.alike]), [figure.text for figure in tie.alike]
     if len(set(texts)) == 1:
         said = f"The {tie.criterion} of {names} is the same: {texts[0]}."

@@ -1,4 +1,4 @@
-"""Compares rows (front ends or given trajectories) on the same scans, finds the best, and measures how far they differ."""
+"""Compares rows (front ends or given trajectories) on the same scans, and finds the best row and how far rows differ."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class Comparison:
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
         psi_across: psi per point across passes, by the rows' names; empty where no place is passed twice.
-        compared: number of scans that every row covers, on which they are judged.
-        places: places where the rows differ most; each row's crops begin with these.
-        stations: places spread along the path; each row's crops of them follow those of `places`.
-        agreement: for every pair of rows that ran, their names and the errors of the first if the second were the truth.
+        compared: number of scans that every row covers, on which the rows are judged.
+        places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
+        stations: places spread evenly over time. The crops at these places are the others in `JudgedRow.crops`.
+        agreement: for pairs of rows that ran, both names and the errors of the first row if the second were the truth.
         warnings: warnings that a reader must know before the numbers.
     """
 
@@ -79,7 +79,7 @@ def compare_rows(
         recording: the recording.
         rows: front ends and given trajectories, including those that failed.
         scans: scans of the recording.
-        settings: all settings, with the Doppler shift that is used.
+        settings: all settings, with the Doppler shift by which the scans are rendered.
         warnings: warnings about faults of the data, and about data that are not used.
         engine: where the rows are judged; the result does not depend on it.
         progress: called as the audits go on.
@@ -124,8 +124,8 @@ def measure_rows_across(
 ) -> dict[str, float]:
     """Measures, for every row, psi per point across passes of a place.
 
-    Psi of different places cannot be compared, so all rows are measured at the same places: where the best row passes a
-    place twice. If several rows may be the best, the first of them decides.
+    psi of different places cannot be compared, so all rows are measured at the same places: where the best row passes a
+    place twice. If several rows may be the best, the first of these rows decides.
 
     Args:
         judged: judgements of the rows, by the rows' names.

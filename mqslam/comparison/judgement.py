@@ -28,14 +28,14 @@ from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
 from mqslam.psi.place import Beam
 
-# Least number of windows between two places that are shown because the trajectories differ there.
+# At least this many windows lie between two of the places that are shown because the trajectories differ there.
 _PLACES_APART = 2
 # Number of places shown at which the trajectories differ most.
 _PLACES = 6
-# A difference in yaw counts as much as the distance by which it moves a point this far away [m], in the unit of the scans.
+# A difference in yaw counts as the distance by which it moves a point this far away [m], in the unit of the scans.
 _LEVER_M = 20.0
 
-# amounts that the report shows; no result depends on them
+# These affect what the report shows, but no result.
 _STATIONS: Final = 60  # places along the path that the report shows
 _MAP_POINTS: Final = 60_000  # points of a row's map that the report shows
 _CROP_M: Final = 60.0  # half side of a crop [m], in the unit of the scans
@@ -48,7 +48,8 @@ class Place:
     Args:
         begin, end: numbers of the window's scans, begin <= k < end, among the scans that all rows cover.
         t0, t1: times at which the window begins and ends [s] since the recording's start.
-        apart_m: largest difference between two rows' motions through the window [m]; zero where it was not measured.
+        apart_m: largest difference between two rows' motions through the window [m], which includes the difference in yaw
+            times a lever; zero where it was not measured.
     """
 
     begin: int
@@ -64,12 +65,12 @@ class JudgedRow:
 
     Args:
         row: the row.
-        psi_per_point: score per point of its rendered map.
-        matched: share of the map's points that another sweep saw too.
+        psi_per_point: score per point of its rendered map; None without points.
+        matched: share of the map's points with a neighbour from another scan; None without points.
         audit: audit of its map.
         before, after: errors against ground truth before and after the back end, or None without ground truth.
-        nees: mean squared error of its motions in units of their covariances, per degree of freedom. It is 1 on average if
-            the covariances are right; None without ground truth or without motions.
+        nees: mean squared error of its motions in units of their covariances, per degree of freedom: 1 on average if the
+            covariances are right. None if it cannot be computed, for example without ground truth or motions.
         crops: for each place, points (M, 2) [m] of its window, in the frame of the sensor at the window's middle scan.
         map: part of the points of the rendered map, evenly spread.
     """
@@ -93,7 +94,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
         scans: scans of the recording.
 
     Raises:
-        EstimationError: these scans are fewer than a window.
+        EstimationError: these scans are fewer than the scans of one window.
     """
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
@@ -176,7 +177,7 @@ class Judge:
         the same part of the drive.
 
         Returns:
-            the rows, with a failure in each row that could not be judged, and the judgements of the other rows by name.
+            All rows, with a failure in each row that could not be judged, and the judgements of the judged rows by name.
         """
         judged: dict[str, JudgedRow] = {}
         shown = []
@@ -223,7 +224,10 @@ def _crop(sweeps: Sweeps, place: Place, half_m: float) -> NDArray[np.float64]:
 
 
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
-    """Returns, for every pair of rows, their names and the errors of the first row as if the second were the truth."""
+    """Returns for pairs of rows both names and the errors of the first row, as if the second row were the truth.
+
+    Pairs of rows that hardly overlap in time are left out.
+    """
     pairs = []
     for i, a in enumerate(rows):
         for b in rows[i + 1 :]:

@@ -32,13 +32,13 @@ class Row:
 
     Args:
         name: name of the row in the table.
-        failure: why there is no result, or None.
+        failure: why there is no result; None if there is one.
         odometry: the front end's motions, chained without optimisation; None for a failed row.
         trajectory: the trajectory after the back end, or the given one; without a back end the same as `odometry`.
         measurements: the front end's relative motions; empty for a given trajectory.
         loops, loops_rejected: numbers of loop closures that the back end kept and rejected.
         measure_s, back_end_s: seconds that the front end and the back end took.
-        peak_rss_mb: largest memory of the process that ran the row [MB]; a cluster's worker may have run other rows before.
+        peak_rss_mb: largest memory of the process that ran the row [MB]; a worker of a cluster may have run other rows, too.
         warnings: what could not be done for the row, and why.
         covariances: covariances of all poses after the back end, or why they are not known; None where there is no back end.
     """
@@ -85,10 +85,10 @@ def run_front_ends(
     *,
     back_end: bool,
 ) -> list[Row]:
-    """Runs front ends, each in a process of its own; if one fails, its row states why.
+    """Runs front ends, each in a process of its own; if a front end fails, its row states why.
 
     Args:
-        contexts: what each front end may know besides the scans, by the name of its row.
+        contexts: what each front end may use besides the scans, by the name of its row.
         scans: scans of the recording.
         engine: where the front ends run.
         progress: called as rows are done.
@@ -136,7 +136,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
 
 
 def _measure(name: str, context: Context, scans: Scans) -> Iterator[Measurement]:
-    """Yields the motions that a front end measures; a lidar's scans are handed to it in their unit."""
+    """Yields the motions that a front end measures [m, m, rad]; the front end gets a lidar's scans in their unit."""
     if scans.unit_m is None:
         return frontends.measure_motions(name, context, scans)
     factor = 1.0 / scans.unit_m

@@ -1,1 +1,1 @@
-"""Localisation: the poses of a recording in the map of another one."""
+"""Localises a recording in the map of another recording."""

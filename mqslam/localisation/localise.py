@@ -1,10 +1,10 @@
 """Localises a recording in a map: recognises places, tracks the scans from there, and predicts the scans off the map.
 
-The whole recording is available before the work begins. From a recognised place, scans are tracked both forward and backward
-in time, so that a place that is recognised late also serves the scans before it. The pose of each scan is predicted from a
-neighbouring scan by the front end's motion, and then registered on the map by psi.
+A row is a list of successive submaps of the recording that match successive places of the map. From a row, scans are tracked
+both forward and backward in time, so that a place that is recognised late also helps to localise the scans before it. The
+pose of each scan is predicted from a neighbouring scan by the front end's motion, and then registered on the map by psi.
 
-The covariance from psi's curvature is too small by a factor that depends on the world: the returns of an object shift
+The covariance from psi's curvature is too small by a factor that depends on the surroundings: the returns of an object shift
 together when it is seen from another place, and the keyframes of the map have errors. To measure the factor, two scans some
 metres apart are registered, each on a different half of the keyframes around them. Their poses differ by the errors of both
 registrations, and by the small error of the motion between them. Poor motions of the front end make the factor too large
@@ -39,13 +39,12 @@ from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceSta
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
-# Tracking ends after this path [m] without a scan that lies on the map. Beyond it, places of the recording are searched
-# again.
+# Tracking ends after this path [m] without a scan that lies on the map. The scans beyond are looked up in the map again.
 _GIVE_UP_M = 30.0
 # Path [m] between the pairs of scans from which the factors on the covariances are measured.
 _SAMPLE_M = 20.0
 # Path [m] between the two scans of such a pair, which are registered on different keyframes. On a shorter path both scans
-# see the same sides of objects and have the same errors; on a longer path the error of the motion between them is not small.
+# see the same sides of objects and have the same errors; on a longer path, the error of the motion between them matters.
 _APART_M = 5.0
 # With fewer pairs than this, the usual factor is used.
 FEWEST_PAIRS = 20
@@ -54,10 +53,10 @@ FEWEST_PAIRS = 20
 _USUAL_SCALE = 10.0
 # A row of recognised places is accepted if at least this share of the scans along it lies on the map.
 _CONFIRMED = 0.7
-# Number of successive submaps whose places are searched at a time.
+# Number of successive submaps that are compared with the places of the map at a time.
 _BLOCK = 6
 
-_BATCH: Final = 64  # pairs that one call compares: a matter of speed only
+_BATCH: Final = 64  # pairs of scans in one call of a worker: affects the speed only
 _OTHER_MAP: Final = "give the map of a recording that passes the same places"
 _LARGER_MAP: Final = "give a map with more places, made from a longer recording that passes the same places"
 _LONGER: Final = "give a longer recording, or more of it"
@@ -70,17 +69,17 @@ class Localised:
     Args:
         stamps_us: (N,) start of each scan [us].
         poses: (N, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
-        covariances: (N, 3, 3) covariances of these poses in their own frames, relative to the map around them.
+        covariances: (N, 3, 3) covariances of these poses [m, m, rad] relative to the map around them, in their own frames.
         statuses: (N,) how far each pose can be trusted.
-        psi: (N,) score per return on the map; NaN where a scan does not lie on it.
+        psi: (N,) score per return on the map; NaN for scans that do not lie on the map.
         matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.
         rows: number of rows of recognised places from which scans were tracked.
-        looked_up: number of submaps of the recording whose places were searched.
+        looked_up: number of submaps of the recording that were compared with the places of the map.
         ambiguous: number of these submaps that fit several places of the map about equally well.
-        scale: (3,) factors on the variances from psi's curvature, measured in this recording, or the usual factor if the
-            recording is too short.
+        scale: (3,) factors on the variances of x, y and yaw from psi's curvature, measured in this recording; the usual
+            factor if the recording is too short.
         samples: number of pairs of scans from which these factors were measured.
-        conflicts: number of times that tracking from one side met scans tracked from the other side at conflicting poses.
+        conflicts: number of times that tracking reached a scan that was tracked from the other side to a conflicting pose.
         is_scale_measured: whether the factors were measured in this recording.
     """
 
@@ -102,7 +101,7 @@ class Localised:
         return len(self.stamps_us)
 
     def scale_lengths(self, factor: float) -> Localised:
-        """Returns the poses with all lengths multiplied by a factor."""
+        """Returns the poses and covariances with all lengths multiplied by a factor."""
         covariances = units.scale_covariance(self.covariances, factor)
         return replace(self, poses=units.scale_pose(self.poses, factor), covariances=covariances)
 
@@ -146,7 +145,7 @@ class _Setting:
 
 
 class _LocalisedScans:
-    """The poses of a recording's scans in the map that have been found so far.
+    """The table of poses in the map that have been found so far, one row per scan of a recording.
 
     Args:
         count: number of scans.
@@ -167,7 +166,7 @@ class _LocalisedScans:
         self.statuses = [PlaceStatus.LOST] * count
 
     def get(self, k: int) -> Registered:
-        """Returns the pose of scan k in the map's frame, with its covariance."""
+        """Returns the pose of scan k in the map's frame, with its covariance; status and scores are left out."""
         return Registered(self.poses[k], self.covariances[k])
 
     def put(self, k: int, registered: Registered) -> None:
@@ -244,9 +243,9 @@ def _look_up(
 ) -> Iterator[tuple[list[list[Loop]], int, int]]:
     """Recognises places of the map in a recording, block by block; blocks without wanted scans are skipped.
 
-    It yields for each block the rows of recognised places, the number of submaps that were compared with the map, and how
-    many of these fit several places about equally well. The last submaps of a block are part of the next block, too, so that
-    a row that crosses the border between two blocks is found.
+    The function yields for each block the rows of recognised places, the number of submaps that were compared with the map
+    for the first time, and how many of these fit several places about equally well. The last submaps of a block are part of
+    the next block, too, so that a row across the border between two blocks is found.
 
     Args:
         setting: the scans and the map.
@@ -268,7 +267,7 @@ def _look_up(
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
     """Tracks the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
 
-    If too few scans lie on the map, or if some of them were tried before, the table stays unchanged.
+    If too few scans lie on the map, or if one of the scans was tried before, the table gets no new poses.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -288,16 +287,16 @@ def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> boo
 
 
 def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> int:
-    """Tracks scans onward from both ends of a row; returns at how many ends this meets scans with conflicting poses."""
+    """Tracks scans onward from both ends of a row; returns at how many ends `_follow` finds a conflicting pose."""
     along = row[0].later + np.flatnonzero(table.on_map[row[0].later : row[-1].later + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(_follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
 def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
-    """Tracks scans until no scan on `_GIVE_UP_M` of path lies on the map, or until a scan was tried before.
+    """Tracks scans up to `limit`, up to a scan that was tried before, or until `_GIVE_UP_M` of path lies off the map.
 
-    Scans after the last scan on the map stay marked as not tried, so that they can be tracked from the other side.
+    Scans after the last scan on the map stay marked as not tried, so that tracking from the other side can reach them.
 
     Args:
         setting: the scans and the map.
@@ -307,7 +306,7 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
         limit: number of the last scan to track.
 
     Returns:
-        Whether tracking met a scan that was tracked from the other side and has a conflicting pose.
+        Whether tracking reached a scan that was tracked from the other side to a conflicting pose.
     """
     around = MapAround(setting.keyframes, setting.beam)
     travelled = setting.drive.travelled
@@ -342,7 +341,10 @@ def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) ->
 
 
 def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> NDArray[np.float64]:
-    """Returns squared differences (K, 3) of pairs of registered scans, in units of the variances from psi's curvature."""
+    """Returns the squared differences (K, 3) in x, y, yaw of pairs of registrations, in units of psi's variances.
+
+    Each pair holds the numbers and poses of two scans. A pair is left out if one of its registrations does not converge.
+    """
     even = np.arange(len(setting.keyframes)) % 2 == 0
     halves = [MapAround(setting.keyframes, setting.beam, chosen) for chosen in (even, ~even)]
     squares = []
@@ -361,7 +363,7 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
-    """Stores the scaled covariances (N, 3, 3), and predicts each scan off the map from the nearest scan on the map."""
+    """Stores scaled covariances (N, 3, 3) in the table, and predicts scans off the map from the nearest scan on the map."""
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
     nearest = np.full(len(known), np.inf)

@@ -26,8 +26,8 @@ _RENEW_M = 2.5
 
 # A scan is compared with the keyframes within this distance of its pose [m].
 REACH_M = 15.0
-# Least share of a scan's returns that must lie on the map. Traffic and parked cars, which change after the map was made,
-# lower this share.
+# Least share of a scan's returns that must lie on the map. Traffic, and cars parked elsewhere than when the map was made,
+# lower the share.
 _MATCHED = 0.5
 # A registration that ends farther than this [m] from the prediction is rejected. The uncertainty of the prediction is added
 # to this limit.
@@ -37,7 +37,7 @@ _SIGMAS = 3.0
 # Like _ASIDE_M, for the yaw [rad].
 _ASIDE_RAD = 0.03
 
-_FIRST_STEP: Final = 2  # first annealing step: the wider steps before it serve poses that are farther off than predictions
+_FIRST_STEP: Final = 2  # number of the first annealing step: earlier, wider steps are for starts farther off
 
 
 class PlaceStatus(StrEnum):
@@ -72,12 +72,12 @@ class Registered(NamedTuple):
 
 
 class MapAround:
-    """The part of a map around the vehicle, on which its scans are registered; it is selected anew as the vehicle moves on.
+    """The keyframes around the vehicle, on which its scans are registered; they are selected anew as the vehicle moves on.
 
     Args:
         keyframes: keyframes of the map.
         beam: the sensor's errors.
-        chosen: (K,) which keyframes may be used; None allows all.
+        chosen: (K,) whether each keyframe may be used; None allows all.
     """
 
     def __init__(self, keyframes: Keyframes, beam: Beam, chosen: NDArray[np.bool_] | None = None) -> None:
@@ -109,6 +109,8 @@ class MapAround:
 
 def register(around: MapAround, scan: PointSet, prediction: Registered, config: EstimatorConfig) -> Registered:
     """Registers a scan on the map; if this fails, returns the predicted pose with the status LOST or OUTSIDE.
+
+    Along directions that psi does not observe, the registered pose is the predicted one (status DEGENERATE).
 
     Args:
         around: the map around the vehicle.
@@ -142,7 +144,7 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
 
 
 def is_away(moved: se2.Array, prediction: Registered) -> bool:
-    """Returns whether a pose (3,), given in the frame of the predicted pose, is farther from it than drift can explain."""
+    """Returns whether a pose (3,) [m, m, rad] in the frame of the prediction is farther away than the drift can explain."""
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
     allowed_rad = _ASIDE_RAD + _SIGMAS * float(sigmas[2])
@@ -155,14 +157,14 @@ def _join(
     """Fuses a measured pose with its prediction, which alone determines the directions that psi does not observe.
 
     Args:
-        prediction: the predicted pose, in the local frame of the registration.
+        prediction: the predicted pose, in the local frame of the registration, with its covariance.
         measured: (3,) pose at psi's minimum, in the same frame.
         covariance: (3, 3) covariance of the measured pose in its own frame, without the directions that psi does not
             observe.
         spread: (3, 3) covariance along the directions that psi does not observe, in the local frame of the registration.
 
     Returns:
-        The fused pose (3,), and its covariance (3, 3) in its own frame.
+        The fused pose (3,) in the local frame [m, m, rad], and its covariance (3, 3) in the pose's own frame.
     """
     expected = se2.rotate_covariance(prediction.covariance + LEAST_COVARIANCE, float(prediction.pose[2]))
     seen = se2.rotate_covariance(covariance, float(measured[2])) + spread

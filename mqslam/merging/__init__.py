@@ -1,1 +1,1 @@
-"""Merging: several results become one map, by the places that their recordings share."""
+"""Merges several results into one map, by the places that their recordings share."""

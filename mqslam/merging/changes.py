@@ -1,10 +1,10 @@
 """Finds changes: objects that one recording shows, and that another recording does not show although it sees beyond them.
 
-A keyframe shows a cell if one of its returns lies near the cell. It looks past the cell if it sees beyond the cell: nothing
-nearer hides the cell, and the keyframe is no farther away than the keyframes that showed the cell from the same side. A cell
-counts as changed under two conditions. Several keyframes of one recording show it. And so few keyframes of the other
-recording show it, compared with the number that look past it, that chance does not explain this. A single return proves
-little: traffic and noise leave some returns in almost every cell of a street.
+A keyframe shows a cell if one of its returns lies near the cell. A keyframe looks past a cell if it sees beyond the cell:
+nothing nearer hides the cell, and a keyframe at least as far away showed the cell from the same side. A cell counts as
+changed under two conditions: several keyframes of one recording show the cell, and so few keyframes of the other recording
+show it, compared with the number that look past it, that chance does not explain this. A single return proves little:
+traffic and noise leave some returns in almost every cell of a street.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from mqslam.mapping.keyframing import place_points
 REACH_M = 60.0
 # Side of the cells in which returns are compared for changes [m].
 CELL_M = 1.0
-# Number of sectors around a keyframe, one per degree. The first return in each sector is kept.
+# Number of sectors around a keyframe, one per degree. The nearest return in each sector is kept.
 _RAYS = 360
-# A ray passes a cell if its first return lies at least this far [m] behind the cell.
+# A sector passes a cell if its nearest return lies at least this far [m] behind the cell.
 _MARGIN_M = 1.0
 
 
 class Views(NamedTuple):
-    """The first return in each sector around some keyframes. Sectors are numbered counter-clockwise from straight ahead.
+    """The nearest return in each sector around some keyframes. Sectors are numbered counter-clockwise from straight ahead.
 
     Args:
-        poses: (K, 3) poses of the keyframes, in the map's frame.
-        firsts: (K, S) range of the first return in each sector [m]; infinite if there is none.
+        poses: (K, 3) poses of the keyframes, in the map's frame [m, m, rad].
+        firsts: (K, S) range of the nearest return in each sector [m]; infinite if there is none.
         origins: (K, S, 2) position of the moving sensor when its beam passed the sector, in the keyframe's frame [m].
     """
 
@@ -82,12 +82,12 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
 def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Returns the number (C,) of keyframes that look past each of C cells.
 
-    A keyframe looks past a cell under three conditions. The cell is within reach. Another keyframe showed the cell from the
-    same direction and from at least the same distance. In the keyframe's sectors that the cell covers there is at least one
-    return, and all first returns lie behind the cell.
+    A keyframe looks past a cell under three conditions. The cell is at most `REACH_M` away. Some keyframe showed the cell
+    from the same direction and from at least the same distance. In the keyframe's sectors that the cell covers there is at
+    least one return, and the nearest return of each of these sectors lies behind the cell.
 
     Args:
-        cells: (C, 2) m, in the map's frame.
+        cells: (C, 2) centres of the cells in the map's frame [m].
         farthest: (C, A) largest distance from which each cell was shown [m], for each of A directions from the cell to the
             keyframe.
         views: views of the keyframes.
@@ -122,8 +122,8 @@ def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], vie
     return looks
 
 
-# Changes are searched only where the standard deviation of the relative pose of the recordings is at most this [m], half of
-# _NEAR_M. Far from all links, the recordings may be misplaced by more than the length of a parked car.
+# Changes are searched only where the relative position of the recordings has at most this standard deviation [m], half of
+# _NEAR_M. Far from all links, a recording may be misplaced by more than the length of a parked car.
 SURE_M = 0.5
 # A cell counts as changed only if the number of the other recording's keyframes that show it is at most this share of the
 # number of the first recording's keyframes that show it.
@@ -132,11 +132,10 @@ _ALSO = 0.3
 _SEEN = 3
 # At least this many keyframes of the other recording must look past the cell.
 _LOOKS = 3
-# Probability that any unchanged cell of a recording counts as changed by chance, if keyframes were independent. Divided by
-# the number of cells, it bounds the probability for each cell that so few keyframes of the other recording show it by
-# chance.
+# Probability that chance makes at least one unchanged cell of a recording count as changed, if keyframes are independent.
+# Each cell may have this probability divided by the number of cells.
 _CHANCE = 0.05
-# Number of directions of view that are kept separate: a surface that is seen from one side need not be seen from the other.
+# Number of directions of view that are treated separately: a surface that is seen from one side may be hidden from another.
 _ASPECTS = 12
 # An object consists of at least this many changed cells.
 _CELLS = 2
@@ -150,7 +149,7 @@ _AROUND: Final = 4  # number of cells, the nearest ones, that one return may sho
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An object that one recording shows and that another recording does not show although it sees beyond it.
+    """An object that one recording shows, and that another recording does not show although that recording sees beyond it.
 
     Args:
         shown_by, missed_by: numbers of the recording that shows the object and of the recording that misses it.
@@ -158,7 +157,7 @@ class Change:
         size_m: (2,) extent of this rectangle along x and y [m], at least the side of a cell.
         cells: number of the object's cells.
         seen: number of keyframes that show the object, in the cell where this number is largest.
-        looks: number of keyframes of the other recording that look past the object, in the cell where it is largest.
+        looks: number of keyframes of the other recording that look past the object, in the cell with the largest number.
         chance: probability that so few keyframes of the other recording show the object by chance, in the cell where this
             probability is smallest.
     """
@@ -178,9 +177,9 @@ class _Seen:
     """The points, cells and views of a recording's keyframes.
 
     Args:
-        points: (N, 2) all points of the keyframes [m].
-        owners: (N,) number of the keyframe of each point.
-        cells: (C, 2) mean of the returns in each cell in which at least `_SEEN` keyframes have a return [m].
+        points: (N, 2) all points of the keyframes, in the map's frame [m].
+        owners: (N,) number of the keyframe of each point, among these keyframes.
+        cells: (C, 2) mean of the points in each cell in which at least `_SEEN` keyframes have a point [m].
         views: views of the keyframes.
     """
 
@@ -213,11 +212,11 @@ def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[
 
     Args:
         keyframes: keyframes of the map.
-        chain: the keyframes as one trajectory with its uncertainty.
+        chain: the keyframes under the joint graph's optimum, with their uncertainty.
 
     Returns:
         (R, K) standard deviation [m], relative to recording r, of a place at distance REACH_M from keyframe k; zero for the
-        keyframe's own recording, infinite if keyframe and recording see nothing in common.
+        keyframe's own recording, infinite if the recording has no keyframe within twice REACH_M.
 
     Raises:
         EstimationError: the uncertainty cannot be computed.
@@ -240,7 +239,7 @@ def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[
 
 
 def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
-    """Collects the points, cells and views of some keyframes (K,) of a recording."""
+    """Collects the points, cells and views of the keyframes with the numbers `chosen` (K,), all of one recording."""
     counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
     ends = np.cumsum([0, *counts])
     points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)
@@ -259,7 +258,13 @@ def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
 
 
 def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Change]:
-    """Yields the objects that `one` recording shows and the `other` misses; `numbers` are their numbers in the map."""
+    """Yields the objects that `one` recording shows and the `other` misses.
+
+    Args:
+        one: the keyframes of the first recording.
+        other: the keyframes of the second recording.
+        numbers: numbers of the two recordings in the map.
+    """
     if not len(one.cells) or not len(other.points):
         return
     shown = _find_shown(one, one.cells)
@@ -299,7 +304,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
 
 
 def _find_shown(seen: _Seen, cells: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns pairs (P, 2) of the number of a cell and the number of a keyframe with a return at most `_NEAR_M` away."""
+    """Returns pairs (P, 2): number of one of the cells (C, 2) [m], number of a keyframe that has a return near this cell."""
     _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=_NEAR_M)
     point, which = np.nonzero(near < len(cells))
     count = len(seen.views.poses)
@@ -311,8 +316,8 @@ def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: V
     """Returns the largest distance from which each of C cells was shown [m], by the direction from the cell to the keyframe.
 
     Args:
-        cells: (C, 2) m.
-        shown: (P, 2) numbers of cells and of keyframes that show them.
+        cells: (C, 2) centres of the cells in the map's frame [m].
+        shown: (P, 2) pairs of the number of a cell and the number of a keyframe that shows the cell.
         views: views of the keyframes.
 
     Returns:

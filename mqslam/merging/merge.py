@@ -58,7 +58,7 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 
     Args:
         sessions: the sessions.
-        frames: (3,) starting value of the pose of each session's frame in the frame of the first session [m, m, rad].
+        frames: for each session, the initial pose (3,) of its frame in the frame of the first session [m, m, rad].
 
     Returns:
         The graph over the poses of all keyframes. Vertices are numbered from 0: first all scans, session by session, and
@@ -80,7 +80,8 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
     """Joins the keyframes of all sessions; the poses of each session stay in the frame of this session.
 
-    The scan numbers become vertex numbers of the joint graph. The georeference is the first session's.
+    The numbers of scans become the numbers of their vertices in the joint graph. The georeference is that of the first
+    session.
     """
     own = [session.map.keyframes for session in sessions]
     firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
@@ -105,7 +106,7 @@ def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
 
 
 def join_places(sessions: Sequence[Session]) -> PlaceTable:
-    """Joins the place tables of all sessions, whose descriptors must have been made with the same constants."""
+    """Joins the place tables of all sessions; all descriptors must have been made with the same settings."""
     firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     return PlaceTable(
         np.concatenate([session.map.places.keyframes + first for session, first in zip(sessions, firsts, strict=False)]),
@@ -114,8 +115,8 @@ def join_places(sessions: Sequence[Session]) -> PlaceTable:
     )
 
 
-# A session's graph is optimised with the edges in its file alone. If this moves a pose farther than this [m], a warning says
-# that other data, such as GNSS, has held the pose in the session's run.
+# A session's graph is optimised with the edges in its file alone. If a pose moves by more than this [m], a warning says that
+# other data, such as GNSS, determined the pose in the session's run.
 _MOVED_M = 0.5
 
 
@@ -128,18 +129,18 @@ class Merged:
         sessions: the sessions that were merged.
         recognitions: the result of recognition for each pair of sessions.
         links: the links between keyframes of different sessions that the map keeps, with the counts of their search.
-        psi: (L, 2) psi per point of the two passes that each link ties: before the links, with the sessions placed by
-            recognition, and at the optimum.
+        psi: (L, 2) psi per point of the two passes that each link ties: first with the sessions placed by recognition,
+            without links, then at the optimum.
         residuals: (L,) residuals of the links at the optimum, in standard deviations.
-        trajectories: the trajectory of each recording, all in one frame.
+        trajectories: the trajectory of each recording, all in the map's frame.
         kept: keyframes and places of the map, in the form in which they are stored.
         graph: the joint graph, with the links among its factors.
         values: poses of the graph's vertices, which are numbered from 0.
         map: the points of all keyframes.
         changes: objects that one recording shows and another one misses.
         sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], see `measure_relative_uncertainty`.
-        moved_m: for each session, the largest distance [m] by which a pose moves if its graph is optimised alone.
-        warnings: messages on steps that failed or were left out, with the reasons.
+        moved_m: for each session, the largest distance by which a pose moves if the session's graph is optimised alone [m].
+        warnings: messages on steps that failed or were left out, with the reasons, and on sessions that may be misplaced.
     """
 
     config: Config
@@ -267,7 +268,7 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
 
 
 def merge_in_unit(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
-    """Makes one map of several lidar sessions, in the unit of the first session; takes the arguments of `merge_sessions`.
+    """Makes one map of lidar sessions in the first session's unit of length; takes the arguments of `merge_sessions`.
 
     Raises:
         EstimationError: a session shares no place with the others that is recognised with certainty.
@@ -292,7 +293,7 @@ def _measure_move(session: Session, chain: Chain) -> float:
 
 
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
-    """Returns a warning for each session whose graph file lacks data, such as GNSS fixes, that has held its poses."""
+    """Returns a warning for each session whose graph file lacks data, such as GNSS fixes, that determined its poses."""
     return [
         f"{session.folder}: with only the edges in its graph.g2o, its poses move by up to "
         f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or "
@@ -303,7 +304,7 @@ def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> lis
 
 
 def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recognition]) -> list[str]:
-    """Returns a warning for each pair of sessions where more submaps match several places than match a single one."""
+    """Returns a warning for each pair of sessions in which more submaps match several places than match only one place."""
     return [
         f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
         f"{sessions[m.earlier].folder} about as well and were not used; {m.matches} submaps match only one place"
@@ -335,7 +336,7 @@ def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.fl
 
 
 def _list_trajectories(sessions: Sequence[Session], values: gtsam.Values) -> tuple[Trajectory, ...]:
-    """Returns the trajectory of each recording, with all of its scans."""
+    """Returns the trajectory of all scans of each recording, given the poses `values` of the joint graph."""
     stamps = [own for session in sessions for own in session.stamps_us]
     firsts = accumulate(map(len, stamps), initial=0)
     return tuple(
@@ -381,8 +382,7 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
     """Returns an offset for the times of each recording [s], so that no two recordings overlap in time.
 
-    psi uses the times to find returns of the same turn of the radar, and recordings of different days may have the same
-    stamps.
+    psi recognises returns of one revolution by their times, which count from the start of each recording.
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

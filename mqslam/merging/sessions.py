@@ -1,4 +1,8 @@
-"""Makes the sessions of a merge, and finds the relative poses of sessions from the places that they share."""
+"""Makes the sessions of a merge, and finds the relative poses of sessions from the places that they share.
+
+A match is a loop between the map of an earlier session and a submap of a later session. A row is a list of matches of
+successive submaps that agree with each other.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,7 @@ from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
-_OFF_M: Final = 0.01  # largest difference [m] of poses of keyframes and graph, which are the same but for rounding
+_OFF_M: Final = 0.01  # largest distance [m] of a keyframe from its pose in the graph: only rounding may move it
 _REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
 
@@ -66,8 +70,8 @@ def scale_session(session: Session, factor: float, *, same_places: bool) -> Sess
     Args:
         session: the session, whose graph is planar.
         factor: factor on all lengths.
-        same_places: whether the descriptors of the places stay valid at the new lengths; if not, they are made again when
-            they are needed.
+        same_places: whether the descriptors of the places stay valid at the new lengths; other descriptors are marked as
+            outdated, so that they are made again when they are needed.
     """
     kept = session.map.scale(factor)
     if not same_places:
@@ -78,7 +82,7 @@ def scale_session(session: Session, factor: float, *, same_places: bool) -> Sess
 
 
 def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:
-    """Makes a session from the content of a result's files, and checks that they fit together.
+    """Makes a session from the content of a result's files, and checks that these files fit together.
 
     Args:
         folder: folder of the result, for messages.
@@ -112,13 +116,13 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
 
 
 def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
-    """Returns the edges of a session with new keys and with the robust losses of a run, which graph files do not store.
+    """Returns the edges of a session's graph with new keys, and with the robust losses that its file does not store.
 
     Edges between scans that do not follow each other are loops; all other edges are motions.
 
     Args:
         session: the session.
-        keys: (V,) new key of each of its vertices.
+        keys: (V,) new key of each vertex of the session's graph.
     """
     ends = np.cumsum([len(stamps) for stamps in session.stamps_us])
     huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
@@ -134,10 +138,10 @@ def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFac
     return factors
 
 
-# Least number of matches of places that must agree on the relative pose of two recordings.
+# Least number of matches of places that must agree on the relative pose of two sessions.
 _FEWEST = 5
-# The likeliest relative pose of two recordings needs at least this many times the agreeing matches of any other relative
-# pose. Otherwise several places fit, and the recordings are not linked.
+# The likeliest relative pose of two sessions needs at least this many times as many agreeing matches as any other relative
+# pose. Otherwise several places fit, and the sessions are not linked.
 _RIVAL = 2.0
 
 Row = Sequence[Loop]
@@ -145,10 +149,10 @@ Row = Sequence[Loop]
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """The relation of two recordings: matches of places that agree on the relative pose of the recordings.
+    """The relation of two sessions: matches of places that agree on the relative pose of the sessions.
 
     Args:
-        matches: the matches that agree; empty if the recordings share no place, or if several relative poses fit.
+        matches: the matches that agree; empty if they are too few, or if another relative pose fits about as well.
         agreeing: number of matches that agree on the likeliest relative pose.
         rivals: number of matches that agree on the second likeliest relative pose.
     """
@@ -159,12 +163,12 @@ class Relation:
 
 
 def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation:
-    """Finds the matches that agree on the relative pose of two recordings, given both trajectories.
+    """Finds the matches that agree on the relative pose of two sessions, given both trajectories.
 
     Args:
-        rows: rows of matches of submaps of the later recording with places of the earlier one.
-        earlier: the trajectory of the earlier recording, optimised by itself.
-        later: the trajectory of the later recording, optimised by itself.
+        rows: rows of matches of submaps of the later session with places of the earlier session.
+        earlier: the trajectory of the earlier session, optimised without the later session.
+        later: the trajectory of the later session, optimised without the earlier session.
 
     Raises:
         EstimationError: the uncertainty of a trajectory cannot be computed.
@@ -183,7 +187,7 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
 
 
 def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Grows from each row a set of rows that all agree with each other; returns the row numbers of the heaviest set.
+    """Grows from each row a set of rows that all agree with each other; returns the numbers (M,) of the heaviest set's rows.
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
@@ -204,7 +208,10 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
 
 def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[np.bool_]:
-    """Returns which pairs of rows (N, N) agree: one row, carried along both paths, predicts the other row."""
+    """Returns for all pairs of rows (N, N) whether they agree.
+
+    Two rows agree if the middle match of one row, carried along both trajectories, predicts the middle match of the other.
+    """
     middles = [row[len(row) // 2] for row in rows]
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
     before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
@@ -217,14 +224,14 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """The result of recognising places of one session in another session.
+    """The result of comparing submaps of a later session with places of an earlier session.
 
     Args:
         earlier, later: numbers of the sessions.
         rows: number of rows of matches.
         matches: number of matches in these rows.
         ambiguous: number of submaps that match several places.
-        compared: number of pairs that psi has compared.
+        compared: number of pairs of a submap and a place that psi has compared.
         relation: the matches that agree on the relative pose of the two sessions.
     """
 
@@ -240,7 +247,15 @@ class Recognition:
 def introduce(
     sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Recognition]:
-    """Recognises places of each session in every session before it; returns the result for each pair of sessions."""
+    """Recognises places of earlier sessions in later sessions, and returns the result for each pair of sessions.
+
+    Args:
+        sessions: the sessions.
+        chains: each session's keyframes with its own graph at the optimum.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        runner: does the work.
+    """
     recognitions = []
     pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
@@ -257,13 +272,14 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places the sessions in one frame, one after the other, the session with the most agreeing matches first.
+    """Places the sessions in one frame, one after the other, each time the session with the most agreeing matches.
 
     Returns:
-        The pose (3,) of each session's frame in the frame of the first session, and links between keyframes of all sessions.
+        The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; the matches as links between
+        keyframes, which are numbered through all sessions.
 
     Raises:
-        EstimationError: a session shares no place with the others.
+        EstimationError: a session shares no place with the others that is recognised with certainty.
     """
     firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     frames: dict[int, se2.Array] = {0: np.zeros(3)}
@@ -294,8 +310,8 @@ def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) ->
 
     Args:
         recognition: the recognition, with N matches that agree.
-        lies: (N, 3) pose of the later session's frame in the earlier session's frame, from each match.
-        poses: poses of the later session's keyframes in its own frame.
+        lies: (N, 3) pose of the later session's frame in the earlier session's frame, from each match [m, m, rad].
+        poses: (K, 3) poses of the later session's keyframes in the later session's frame [m, m, rad].
     """
     at = poses[[match.later for match in recognition.relation.matches]]
     where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
@@ -304,7 +320,7 @@ def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) ->
 
 
 def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
-    """Returns the error that says why a session could not be joined."""
+    """Returns the error that says why sessions could not be joined to the sessions with the numbers `joined`."""
     apart = [n for n in range(len(sessions)) if n not in joined]
     own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
     names = ", ".join(str(sessions[n].folder) for n in apart)
