@@ -1,4 +1,7 @@
-"""Factors between planar poses, with the noise and robust loss of each kind of measurement, and the first pose's prior."""
+"""Factors between planar poses, with the noise and robust loss of each kind of measurement, and the first pose's prior.
+
+The submaps of a loop are bent if the trajectory along which they are rendered is wrong within the submaps.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ HUBER: Final = 1.345
 # Residual of a loop [standard deviations] at which Cauchy's loss halves the weight of the loop.
 CAUCHY: Final = 3.0
 # Standard deviations of the error of a loop in x, y [m] and yaw [rad] that slightly bent submaps cause. Their squares are
-# added to the covariance of the loop, because its score does not show this error.
+# added to the covariance of the loop, because psi does not show this error.
 BEND_SIGMAS = (0.05, 0.05, 0.0015)
 # Standard deviations [m, rad] of the prior that holds the first pose: far smaller than the uncertainty of any motion.
 PRIOR_M, PRIOR_RAD = 1e-3, 1e-4
@@ -25,7 +28,7 @@ PRIOR_M, PRIOR_RAD = 1e-3, 1e-4
 # these components; within a submap, roads bend and springs give way by no more than this.
 _LIFTED_M, _LIFTED_RAD = 0.1, 0.03
 
-_LEAST: Final = np.diag([1e-12, 1e-12, 1e-16])  # numerical: keeps the covariance of an exact motion from being singular
+_LEAST: Final = np.diag([1e-12, 1e-12, 1e-16])  # numerical: without it, the covariance of an exact motion would be singular
 _PLANAR: Final = np.ix_([3, 4, 2], [3, 4, 2])  # x, y and yaw among the errors of a pose in space: roll, pitch, yaw, x, y, z
 _LOSSES: Final = gtsam.noiseModel.mEstimator
 
@@ -37,31 +40,31 @@ def psi_between(a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64]
         a: key of the submap or of the earlier scan.
         b: key of the later scan or submap.
         pose: (3,) pose of b in the frame of a [m, m, rad].
-        covariance: (3, 3) covariance of this pose, in the frame of a.
+        covariance: (3, 3) covariance of this pose, in the frame of a [m, m, rad].
     """
     return _make_between(a, b, pose, covariance, _LOSSES.Huber.Create(HUBER))
 
 
 def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
-    """Returns the between-factor of a loop. Cauchy's loss keeps a wrong loop from bending the rest of the graph.
+    """Returns the between-factor of a loop, with Cauchy's loss, so that a wrong loop hardly changes the rest of the graph.
 
     Args:
         a: key of the earlier pose.
         b: key of the later pose.
-        loop: the later pose in the frame of the earlier one, with its covariance.
+        loop: the later pose in the frame of the earlier pose, with its covariance.
     """
     return _make_between(a, b, loop.pose, add_bend(loop.covariance), _LOSSES.Cauchy.Create(CAUCHY))
 
 
 def add_bend(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) [m, m, rad] of a loop with the error of bent submaps added, which psi does not show."""
+    """Returns a loop's covariance (3, 3) [m, m, rad] plus the covariance from bent submaps, which psi does not show."""
     return np.asarray(covariance + np.diag(np.square(BEND_SIGMAS)))
 
 
 def _make_between(
     a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], loss: gtsam.noiseModel.mEstimator.Base
 ) -> gtsam.BetweenFactorPose2:
-    """Returns a between-factor from a covariance in the frame of a, which is rotated to the frame of b for GTSAM."""
+    """Returns a between-factor from a pose and covariance in the frame of a; GTSAM takes covariances in the frame of b."""
     gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -pose[2]) + _LEAST)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), gtsam.noiseModel.Robust.Create(loss, gaussian))
 
@@ -79,14 +82,14 @@ def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3
 
 
 def _find_gaussian(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Gaussian:
-    """Returns a noise model without its robust loss, if it has one."""
+    """Returns the Gaussian noise of a noise model with or without a robust loss."""
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
     return gaussian
 
 
 def _replace_covariance(noise: gtsam.noiseModel.Base, covariance: NDArray[np.float64]) -> gtsam.noiseModel.Base:
-    """Returns a noise model with another covariance and the same robust loss, if it has one."""
+    """Returns a noise model with another covariance (3, 3) or (6, 6), and with the robust loss of `noise`, if any."""
     gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance)
     if isinstance(noise, gtsam.noiseModel.Robust):
         return gtsam.noiseModel.Robust.Create(noise.robust(), gaussian)
@@ -129,10 +132,12 @@ def hold_firmly(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactor:
 
 
 def scale_factors(factors: gtsam.NonlinearFactorGraph, scale: float) -> gtsam.NonlinearFactorGraph:
-    """Multiplies the lengths of between-factors and priors of planar poses by a scale; their errors weigh as before.
+    """Returns between-factors and priors of planar poses with all lengths multiplied by a scale.
+
+    The noise is scaled, too, so that the weights of errors stay the same.
 
     Raises:
-        TypeError: a factor is of another type.
+        TypeError: a factor is of another type, which the error names.
     """
     scaled = gtsam.NonlinearFactorGraph()
     for k in range(factors.size()):
@@ -148,17 +153,17 @@ def scale_factors(factors: gtsam.NonlinearFactorGraph, scale: float) -> gtsam.No
 
 
 def scale_between(factor: gtsam.BetweenFactorPose2, scale: float) -> gtsam.BetweenFactorPose2:
-    """Multiplies the lengths of a between-factor of planar poses, and of its noise, by a scale."""
+    """Returns a between-factor of planar poses with the lengths of motion and noise multiplied by a scale."""
     a, b = factor.keys()
     noise = _scale_noise(factor.noiseModel(), scale)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), noise)
 
 
 def _scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
-    """Multiplies the lengths in the noise model of a planar pose by a scale; a robust loss stays the same."""
+    """Returns the noise model of a planar pose with lengths multiplied by a scale; a robust loss stays the same."""
     return _replace_covariance(noise, units.scale_covariance(_find_gaussian(noise).covariance(), scale))
 
 
 def scale_vector(pose: gtsam.Pose2, scale: float) -> se2.Array:
-    """Returns a pose as an array (3,), its lengths multiplied by a scale."""
+    """Returns a pose as an array (3,) x, y, yaw [rad], with x and y multiplied by a scale."""
     return np.array([scale * pose.x(), scale * pose.y(), pose.theta()])

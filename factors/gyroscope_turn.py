@@ -22,9 +22,9 @@ class GyroscopeTurn(NamedTuple):
     """A rotation of the vehicle that a gyroscope measured.
 
     Args:
-        angle: measured angle, counter-clockwise [rad]; its error is less than half a rotation.
-        duration_s: time between the two poses [s].
-        sigma: standard deviation of the angle by white noise [rad].
+        angle: measured angle, counter-clockwise [rad], with an error of less than half a rotation.
+        duration_s: duration of the rotation [s].
+        sigma: standard deviation of the angle from white noise [rad].
     """
 
     angle: float
@@ -40,9 +40,9 @@ def gyroscope_turn(
     Args:
         a: key of the pose (Pose2) at the beginning of the rotation.
         b: key of the pose (Pose2) at the end of the rotation.
-        calibration: key of the gyroscope's calibration, a vector (2,): bias [rad/s] and error of the scale [1].
+        calibration: key of the gyroscope's calibration, a vector (2,): bias [rad/s] and scale error [1].
         turn: the measurement.
-        yaws: approximate yaws of both poses [rad]; the error of each is less than half a rotation.
+        yaws: approximate yaws of the poses a and b [rad], each with an error of less than half a rotation.
     """
     by_calibration = np.array([[turn.duration_s, -turn.angle]])
     miss = turn.angle - se2.wrap(yaws[1] - yaws[0])
@@ -61,7 +61,7 @@ def bias_walk(a: int, b: int, walk: float, constant: float) -> gtsam.BetweenFact
     Args:
         a: key of the earlier calibration.
         b: key of the later calibration.
-        walk: standard deviation of the change of the bias between them [rad/s].
+        walk: standard deviation of the change of the bias from one to the other [rad/s].
         constant: standard deviation of the change of the scale error [1].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([walk, constant]))

@@ -1,10 +1,10 @@
 """Joins the motions of a recording that are measured in both directions of time.
 
 Forward, a scan is matched to the scans before it; backward, to the scans after it. The two maps hold different views, so
-that the errors of the two matches are nearly independent. Their difference shows how large these errors are, and their
-mean is better than either. Where one direction loses the track or does not observe the motion, the other direction
-often still measures the motion, and is used alone until both agree again. A recording played backward is a valid
-recording, too, in which the vehicle drives in reverse.
+that the errors of the two matches are nearly independent. The difference of the two measurements shows how large the errors
+are, and the mean is better than either measurement. Where one direction loses the track or does not observe the motion, the
+other direction often still measures the motion, and is used alone until both agree again. A recording played backward is a
+valid recording, too, in which the vehicle drives in reverse.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from mqslam.frontends.calibration import Twice, learn_scale
 # Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that
 # their difference does not show it. The true share is unknown; 0 to 0.5 was found in simulated cities.
 SHARED = 0.2
-# The same share for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans. So most of
-# the variance comes from the scan itself, which both measurements have in common: 0.79 to 0.92 in simulated rooms.
+# The same share for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans. Therefore,
+# most of the variance comes from the scan, which both measurements have in common: 0.79 to 0.92 in simulated rooms.
 SHARED_BY_LIDAR = 0.9
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most trusted
-_CHANCE = float(chi2.ppf(0.999, 3))  # squared difference over covariance beyond which two measurements contradict each other
-_PAUSE = 0.5  # time between two scans, in durations of a scan, beyond which the end of one is not the start of the next
+_CHANCE = float(chi2.ppf(0.999, 3))  # largest squared Mahalanobis distance between two measurements that agree
+_PAUSE = 0.5  # longest time between two scans, in durations of a scan, after which the second scan still follows at once
 
 
 class DirectedMotion(NamedTuple):
@@ -39,8 +39,8 @@ class DirectedMotion(NamedTuple):
 
     Args:
         motion: the motion.
-        unseen: (3, 3) the part of the motion's covariance that does not come from errors of matches, but from directions
-            that psi does not observe, from lost scans and from gaps.
+        unseen: (3, 3) part of the motion's covariance [m, m, rad] that does not come from errors of matches, but from
+            directions that psi does not observe, from lost scans and from gaps.
     """
 
     motion: Measurement
@@ -50,16 +50,15 @@ class DirectedMotion(NamedTuple):
 class ReversedScans(Sequence[Scan]):
     """The scans of a recording that is played backward, the last scan first; each scan is made when it is read.
 
-    If the recording's next scan follows a scan at once, the reversed scan begins at the instant at which that next scan
-    starts. Both directions then measure motions between the same instants.
-
-    A scan that was taken in an instant, such as a lidar scan without a time per beam, keeps this instant as its start.
+    If the recording's next scan follows a scan at once, the reversed scan begins where this next scan starts. Both
+    directions then measure motions between the same instants. A scan that was taken in one instant, such as a lidar scan
+    without a time per beam, keeps this instant as its start.
 
     Args:
-        scans: the scans.
+        scans: the scans in the order of the recording.
 
     Attributes:
-        end: the instant of the recording at which the reversed recording begins [s].
+        end: time in the recording at which the reversed recording begins [s].
     """
 
     def __init__(self, scans: Sequence[Scan]) -> None:
@@ -83,9 +82,9 @@ class ReversedScans(Sequence[Scan]):
         return Scan(self.end - end, self.end - scan.t0, returns)
 
     def turn_back(self, backward: Sequence[DirectedMotion]) -> list[DirectedMotion | None]:
-        """Converts motions that were measured backward to the driven motions, in the order of the recording.
+        """Converts motions that were measured backward to motions forward in time, in the order of the recording.
 
-        A motion is None where no backward motion connects the starts of the two scans: at the first scan and next to a
+        A motion is None where no backward motion connects the starts of its two scans: at the first scan and next to a
         pause.
 
         Args:
@@ -116,7 +115,7 @@ def follows_at_once(scan: Scan, after: Scan) -> bool:
 
 
 def _invert(match: DirectedMotion) -> DirectedMotion:
-    """Returns the inverse of a motion."""
+    """Returns the inverse of a motion, with the covariances of the inverse."""
     motion, unseen = match
     covariance, unseen = (se2.covariance_of_inverse(motion.pose, c) for c in (motion.covariance, unseen))
     return DirectedMotion(replace(motion, pose=se2.inverse(motion.pose), covariance=covariance), unseen)
@@ -131,11 +130,10 @@ def join(
 ) -> list[Measurement]:
     """Joins motions measured in both directions of time, and scales their covariances by how far the directions differ.
 
-    Only the part of a covariance that psi's curvature shows is scaled. The uncertainty along directions that psi did not
-    observe does not come from errors of matches.
+    Only the part of a covariance that psi's curvature shows is scaled, since only this part comes from errors of matches.
 
     Args:
-        forward: the N - 1 motions between successive scans; motions that are None are left out.
+        forward: the N - 1 motions between successive scans, measured forward; the result lacks motions that are None here.
         backward: the same motions, measured backward; None where there is no backward measurement.
         shared: share of the variance of a motion that both of its measurements have in common.
         is_guided: whether both directions follow odometry where psi does not show the motion.
@@ -151,7 +149,7 @@ def join(
 
 
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
-    """Returns the difference of two measurements of one motion; its variances are NaN on axes that one does not observe."""
+    """Returns the difference of two measurements of one motion; variances are NaN for axes not observed by both."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
     seen = [
@@ -168,13 +166,14 @@ def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
 
 
 def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:
-    """Finds the motions in which one direction of time returns from a wrong position to the right position.
+    """Finds the motions in which one direction of time returns from wrong positions to right positions.
 
-    A scan whose pose psi does not observe is put where it was predicted, and joins the map there. The scans after it, in
-    the order of the track, are matched to a map that is partly wrong, and come back to their right positions only step
-    by step. These steps undo errors of motions that are not used, so the steps must not be used either, until both
-    directions agree. The result states for each motion whether the forward direction and whether the backward direction
-    is still coming back.
+    A scan whose pose psi does not observe joins the map at its predicted pose. The scans after it, in the order of the
+    track, are matched to a map that is partly wrong, and return to their right positions only step by step. These steps
+    undo errors of motions that are not used, so the steps must not be used either, until both directions agree.
+
+    Returns:
+        For each motion, whether the forward direction and whether the backward direction is still returning.
     """
     agree = [b is not None and f.on_map and b.on_map and not _contradict(f, b, shared) for f, b in motions]
     there = _spread([not f.on_map for f, _ in motions], agree)
@@ -183,7 +182,7 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
 
 
 def _spread(off_map: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
-    """Marks the motions after one that is off the map, in the given order, up to the next on which both directions agree."""
+    """Marks the motions after each motion off the map, in the given order, until a motion on which both directions agree."""
     spread, after = [], False
     for is_off, both_agree in zip(off_map, agree, strict=True):
         spread.append(after and not is_off and not both_agree)
@@ -200,9 +199,9 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 def _join_motions(
     forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float, is_guided: bool
 ) -> Measurement:
-    """Joins two measurements of one motion; if only one measurement has both scans matched, only that one is used.
+    """Joins two measurements of one motion; if only one measurement has both scans matched, it is used alone.
 
-    A direction that is still coming back to its right position is not used, unless the other direction is coming back, too.
+    A direction that is still returning to its right position is not used, unless the other direction is returning, too.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:
@@ -217,12 +216,12 @@ def _join_motions(
 
 
 def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
-    """Joins two measurements that follow odometry where psi does not show the motion; a lost one of the two is left out.
+    """Joins two measurements that follow odometry where psi does not show the motion; if one is lost, it is left out.
 
     In a corridor, each measurement is accurate across the corridor and inaccurate along it. By chance, the two measurements
     disagree by a small angle about the direction of the corridor: covariance intersection would put the result where the
-    two directions cross, which is anywhere along the corridor. The result is therefore the mean of the two. The variance of
-    a mean is at most the mean of the variances, whatever the errors have in common.
+    two directions cross, which is anywhere along the corridor. The result is therefore the mean of both measurements. Its
+    variance is at most the mean of their variances, whatever their errors have in common.
     """
     if (forward.status is Status.LOST) != (backward.status is Status.LOST):
         one = backward if forward.status is Status.LOST else forward
@@ -235,8 +234,8 @@ def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
 def _average(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
     """Returns the mean of two measurements whose errors have a share of their variance in common.
 
-    Both have the same weight, whatever their covariances: weights that change from motion to motion would keep errors of
-    successive motions from cancelling. If the two contradict each other, their difference enlarges the covariance.
+    Both measurements have the same weight, whatever their covariances: if weights changed from motion to motion, errors of
+    successive motions would not cancel. If the measurements contradict each other, their difference enlarges the covariance.
     """
     apart = se2.subtract(backward.pose, forward.pose)
     covariance = 0.25 * (1.0 + shared) * (forward.covariance + backward.covariance)

@@ -1,8 +1,7 @@
 """Estimates how large the errors of a front end are, from two measurements of the same motions.
 
-The returns of one scan have common errors, so that their residuals alone hardly show how far a match is off. Two matches
-of the scan to different maps show this: they differ by the errors of both matches, except for the errors that both have
-in common.
+The returns of one scan have common errors, so that the residuals of a match hardly show the error of the match. Two matches
+of the scan to different maps show it: they differ by the errors of both matches, except for errors that both matches share.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.statistics import cut_gross
 
-# Shorter motions are left out [m]: while the vehicle stands still, both measurements have the same errors.
+# Shorter motions are left out [m], because both measurements have the same errors while the vehicle stands still.
 _MOVED_M = 0.1
 
 # Number of measured motions that weigh as much as the covariances that the front end itself states. These covariances were
 # wrong by a factor of three and more, so they count as much as only a few motions.
 _TRUSTED = 5.0
-# Squared differences are cut down to this many times their median: a wrong match does not show the errors of right matches.
+# Squared differences are limited to this many times their median: a wrong match does not show the errors of right matches.
 _GROSS = 100.0
 
 
@@ -30,8 +29,8 @@ class Twice(NamedTuple):
     """A motion that was measured twice, against two different maps.
 
     Args:
-        pose: (3,) the first measurement of the motion.
-        apart: (3,) the second measurement minus the first.
+        pose: (3,) the first measurement of the motion [m, m, rad].
+        apart: (3,) the second measurement minus the first measurement [m, m, rad].
         variances: (3,) variances of this difference, as the front end states them; NaN along axes that one of the
             measurements does not observe.
     """
@@ -42,7 +41,7 @@ class Twice(NamedTuple):
 
 
 def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
-    """Returns the factors (3,) by which the variances of x, y and yaw are larger than a front end states.
+    """Returns factors (3,): how many times larger the variances of x, y and yaw are than a front end states.
 
     Args:
         motions: motions that were measured twice; if no motion is usable, the factors are 1.

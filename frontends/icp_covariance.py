@@ -1,4 +1,4 @@
-"""Covariance of the pose of a scan that is matched to a map of points, from the residuals of the correspondences."""
+"""Computes the covariance of the pose of a scan that was matched to a map of points, from the residuals of the match."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _LEAST_M = 1e-3  # least residual and least lever arm [m], so that no matrix is 
 
 
 class Surface:
-    """The points of a map, with searches for the nearest points and for the surface that runs through them.
+    """The points of a map, with searches for the nearest points and for the surface that runs through these points.
 
     Args:
-        points: (M, 2) m, map frame.
+        points: (M, 2) points in the map's frame [m].
         cell_m: side of the cells in which points are searched [m].
     """
 
@@ -35,11 +35,11 @@ class Surface:
         return cKDTree(self._points, balanced_tree=False, compact_nodes=False)  # builds three times as fast
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
-        """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within `reach` [m]."""
+        """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a point of the map within `reach` [m]."""
         return int(np.count_nonzero(mark_near(self._grid, se2.transform(pose, scan), reach)))
 
     def find_nearest(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Returns distances (N, K) [m] and indices (N, K) of the map points that are nearest to points (N, 2) [m]."""
+        """Returns distances (N, K) [m] and indices (N, K) of the K map points nearest to points (N, 2) [m], in order."""
         distances, indices = self._tree.query(points, range(1, min(_SURFACE_POINTS, len(self._points)) + 1))
         return distances, indices
 
@@ -50,9 +50,9 @@ class Surface:
             nearest: (N, K) indices of the neighbouring map points at each of N places.
 
         Returns:
-            flatness: (N,) variance of the map's points across the surface over their variance along it, at least
+            flatness: (N,) variance of the map points across the surface divided by the variance along it, at least
                 `_FLATTEST`.
-            axes: (N, 2, 2) columns are the unit vectors across and along the surface.
+            axes: (N, 2, 2) matrices whose columns are the unit vectors across and along the surface, in the map's frame.
         """
         around = self._points[nearest]
         around = around - around.mean(axis=1, keepdims=True)
@@ -64,14 +64,14 @@ class Surface:
     ) -> NDArray[np.float64]:
         """Returns the covariance s^2 H^-1 (3, 3) [m, m, rad] of a scan's pose in its own frame, after point-to-point ICP.
 
-        H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
-        square. When a wall is moved along itself, its points find neighbours as near as before. Residuals along a surface
-        are therefore weighted by the ratio of the variance across the surface to the variance along it, which is 0 for a
-        flat wall; otherwise the covariance would be small along a corridor.
+        H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, and s^2 is the weighted
+        mean square of the residuals. When a wall is moved along itself, its points find neighbours as near as before.
+        Residuals along a surface are therefore weighted by the flatness of the surface (see `find_directions`), which is
+        close to 0 for a flat wall; otherwise the covariance would be small along a corridor.
 
         Args:
-            scan: (N, 2) m, sensor frame at the pose.
-            pose: (3,) pose of the sensor in the map frame.
+            scan: (N, 2) points of the scan in the sensor's frame [m].
+            pose: (3,) pose of the sensor in the map's frame [m, m, rad].
             reach: longest distance between corresponding points [m]; at least one pair must be within it.
             kernel: squared residual at which a weight is a quarter [m^2].
         """

@@ -36,19 +36,19 @@ class Registration(Protocol):
         ...
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`.
+        """Returns the pose (3,) [m, m, rad] of the cloud `source` in the frame of the cloud `target`.
 
         Args:
-            source: the cloud whose pose is found.
-            target: the cloud in whose frame the pose is.
+            source: cloud of a scan, as `make_cloud` returns it.
+            target: cloud of the map.
             reach_m: longest distance between corresponding points [m].
-            begin: (3,) pose at which the registration begins.
+            begin: (3,) pose at which the registration begins [m, m, rad].
         """
         ...
 
 
 class KeyframeMatcher:
-    """A `ScanMatcher` that registers each scan twice, at first with a wide reach, on a map of the last keyframes.
+    """A `ScanMatcher` that registers each scan on a map of the last keyframes twice, at first with a wide reach.
 
     Args:
         registration: the library's registration.
@@ -76,7 +76,7 @@ class KeyframeMatcher:
         return match
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> PlacedScan | None:
-        """Places a scan in the map, at first with a wide reach; returns None if hardly any of its points match."""
+        """Places the points (N, 2) [m] of a scan in the map; returns None if hardly any point has a near map point."""
         reach, first_reach = self._registration.reach_m, _FIRST_REACH * self._registration.reach_m
         if self._map is None or not len(placed):
             return None
@@ -93,7 +93,7 @@ class KeyframeMatcher:
         return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), near)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
-        """Adds a scan to the map if it is far from the last keyframe, or rotated relative to it."""
+        """Adds the points (N, 2) [m] of a scan at a pose (3,) to the map, unless the pose is near the last keyframe's."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < _KEYFRAME_M
@@ -109,9 +109,10 @@ class KeyframeMatcher:
 
 
 def deskew(points: NDArray[np.float64], fractions: NDArray[np.float64], motion: se2.Array) -> NDArray[np.float64]:
-    """Moves points (N, 2) [m] to the sensor's frame at the end of a scan, given the sensor's motion (3,) over the scan.
+    """Returns points (N, 2) [m] in the sensor's frame at the end of a scan, given the sensor's motion (3,) over the scan.
 
-    Each point is in the sensor's frame at its own time, a fraction (N,) of the scan from 0 at its beginning to 1 at its end.
+    Each given point is in the sensor's frame at the time of the point, a fraction (N,) of the scan: 0 is the scan's
+    beginning, 1 its end.
     """
     poses = se2.exp(np.broadcast_to(se2.log(motion), (len(points), 3)), fractions - 1.0)
     return np.ascontiguousarray(se2.compose(poses, lift(points))[:, :2])

@@ -34,11 +34,11 @@ _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adapt
 class KissIcpFrontEnd(MatchingFrontEnd):
     """A front end that matches each scan, as a planar point cloud with a time per point, with KISS-ICP.
 
-    KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins
-    on the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over
-    them forwards and then backwards in time, from several speeds, and starts with the motion whose scans fitted best. It
-    takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help of the last
-    motion.
+    KISS-ICP begins at rest and predicts by its last motion, so that it would lose the first scans of a recording that begins
+    while the vehicle drives. The front end therefore finds the first motion (`scan_matching.match_scans`): KISS-ICP runs
+    over the first scans forwards and then backwards in time, from several speeds, and starts with the motion whose scans
+    fitted best. It takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help
+    of the last motion.
 
     KISS-ICP deskews a scan to the scan's end, so that its pose is the sensor's pose where the next scan begins.
 
@@ -53,7 +53,7 @@ class KissIcpFrontEnd(MatchingFrontEnd):
 
 
 class _KissIcpMatcher:
-    """KISS-ICP as a `ScanMatcher`; pose and motion are handed to it with every scan."""
+    """KISS-ICP as a `ScanMatcher`, which is given the pose and the predicted motion with every scan."""
 
     def __init__(self, config: Any) -> None:
         from kiss_icp.kiss_icp import KissICP
@@ -66,7 +66,7 @@ class _KissIcpMatcher:
     ) -> PlacedScan | None:
         """Matches a scan, and adds it to the map; see `ScanMatcher`."""
         kiss, voxel_size = self._kiss, self._kiss.config.mapping.voxel_size
-        # KISS-ICP takes its earliest and latest point for the ends of a scan: two points too far to be kept mark these ends
+        # KISS-ICP takes the earliest and the latest point as the ends of a scan: two points too far to be kept mark the ends
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
         deskewed = kiss.preprocessor.preprocess(frame, np.r_[fractions, 0.0, 1.0], to_matrix(motion))
         source, joining = kiss.voxelize(deskewed)
@@ -78,7 +78,7 @@ class _KissIcpMatcher:
         if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))
             return None
-        # the rest are the steps of KISS-ICP's register_frame, which would deskew and thin the scan again
+        # these are the other steps of KISS-ICP's register_frame, which itself would deskew and thin the scan again
         guess = to_matrix(predicted)
         placed = kiss.registration.align_points_to_map(source, kiss.local_map, guess, reach, kernel)
         kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ placed)
@@ -91,7 +91,7 @@ class _KissIcpMatcher:
 
 
 def make_config(settings: Matching, own: Path | None = None) -> Any:
-    """Makes the KISSConfig from the settings, or from a file of KISS-ICP's own settings.
+    """Makes KISS-ICP's own settings (a KISSConfig) from the settings of matching, or reads them from a file.
 
     Raises:
         ConfigError: the file cannot be read, or does not hold valid settings of KISS-ICP.
@@ -108,16 +108,16 @@ def make_config(settings: Matching, own: Path | None = None) -> Any:
 
 
 def _make_repeatable(config: Any) -> Any:
-    """Sets the number of threads of a KISSConfig to 1 if it is 0 (any number), because several threads add in any order.
+    """Sets 1 thread in a KISSConfig that leaves the number open (0), because several threads add up in varying order.
 
-    The first KISS-ICP object of a process decides how many threads all its KISS-ICP objects have.
+    The first KISS-ICP object of a process decides how many threads all KISS-ICP objects of this process have.
     """
     config.registration.max_num_threads = config.registration.max_num_threads or 1
     return config
 
 
 def _load_config(path: Path) -> Any:
-    """Reads a file of KISS-ICP's settings by its own loader, and refuses unknown settings, which the loader ignores.
+    """Reads a file of KISS-ICP's settings by KISS-ICP's loader, and refuses unknown settings, which the loader ignores.
 
     Raises:
         ConfigError: the file cannot be read, or does not hold valid settings of KISS-ICP.

@@ -1,4 +1,4 @@
-"""The odometry front end: a dead-reckoned or given trajectory, cut into relative motions."""
+"""The odometry front end: it cuts a dead-reckoned or given trajectory into relative motions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, Remedy
 
-# Standard deviation of the position over a scan at rest [m]: the uncertainty from a wheel's encoder and its slack.
+# Standard deviation of the position over a scan at rest [m], which the resolution and the slack of wheel encoders cause.
 SIGMA_REST_M = 0.01
 
 

@@ -40,11 +40,11 @@ class Open3dIcpFrontEnd(MatchingFrontEnd):
 
 
 class _Open3dRegistration:
-    """Open3D's registration of planar clouds.
+    """Open3D's registration of planar clouds (a `Registration`).
 
     Open3D moves scans in six degrees of freedom. With point-to-point ICP, planar scans stay in their plane. Generalized
-    ICP would divide by their variance in z, which is zero. It is therefore given planar covariances with a unit variance
-    in z, which keeps roll and pitch as they are.
+    ICP would divide by the variance of the scans in z, which is zero. The clouds for generalized ICP therefore get planar
+    covariances with a unit variance in z, so that roll and pitch do not change.
     """
 
     reach_m = _REACH_M
@@ -55,7 +55,7 @@ class _Open3dRegistration:
         self._is_generalized = is_generalized
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
+        """Returns the pose (3,) [m, m, rad] of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
         registration = self._open3d.pipelines.registration
         criteria = registration.ICPConvergenceCriteria(max_iteration=_ITERATIONS)
         if self._is_generalized:
@@ -68,7 +68,7 @@ class _Open3dRegistration:
         return from_matrix(np.asarray(result.transformation))
 
     def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
-        """Returns points (N, 2) [m] as a cloud with z = 0, with covariances if the method needs them; see `Registration`."""
+        """Returns points (N, 2) [m] as a downsampled cloud with z = 0, and its points (M, 2) [m]; see `Registration`."""
         vectors = self._open3d.utility.Vector3dVector(lift(points))
         cloud = self._open3d.geometry.PointCloud(vectors).voxel_down_sample(voxel_size_m)
         planar = np.asarray(cloud.points)[:, :2]
@@ -83,7 +83,7 @@ class _Open3dRegistration:
 
 
 def _import_open3d() -> Any:
-    """Imports Open3D, which takes a second.
+    """Imports Open3D, which takes a second, and returns its module.
 
     Raises:
         ConfigError: Open3D cannot be imported.

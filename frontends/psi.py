@@ -1,8 +1,8 @@
 """The psi front end: the motion that makes the map crispest is the measurement.
 
-Motion that the model cannot follow (potholes, a gear change, a jittering ground truth) shows as jumps of the relative
-motions from scan to scan, larger than their covariances explain. The jumps are third differences of the poses, in which
-steady speed, acceleration and turning cancel. A model that cannot follow a jump errs by as much as the jump.
+Motion that the model cannot follow (potholes, a gear change, a jittering ground truth) makes the relative motions jump from
+scan to scan by more than their covariances explain. The jumps are third differences of the poses, in which steady speed,
+acceleration and turning cancel. A model that cannot follow a jump has an error as large as the jump.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
 from mqslam.psi.tracking.track import PATIENCE, Track
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Number of neighbouring scans that show by how much the motion of a scan departs from the motion model.
+# Number of scans around a scan from which the departure of its motion from the motion model is estimated.
 _UNSTEADY_SCANS = 40
-# With fewer such scans, part of the variance that the motion model does not explain is taken from the process noise.
+# With fewer such jumps, part of the variance that the motion model does not explain is taken from the process noise.
 _UNSTEADY_LEAST = 8
 
 _GAIN = 10.0  # variance of third differences of poses over the variance of first differences, for independent errors: 20 / 2
@@ -49,7 +49,8 @@ Motions = list[DirectedMotion | None]
 class PsiFrontEnd:
     """Odometry by psi over a running map, tracked in segments and in both directions of time.
 
-    Odometry and a gyroscope are used only where psi finds no motion, and never as additional information.
+    Other odometry, a gyroscope and velocities from the radar's chirps help where psi does not find or observe the motion,
+    and add no information elsewhere. For a lidar, odometry also predicts each scan.
     """
 
     takes_turning = True
@@ -80,7 +81,11 @@ class PsiFrontEnd:
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
     def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
-        """Tracks a recording as a whole, forward and backward in parallel, and shows each forward motion at once."""
+        """Tracks a recording as a whole, forward and backward in parallel, and hands each forward motion to the preview.
+
+        Returns:
+            The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
+        """
         context = self._context
         forward: Motions = []
         back: list[DirectedMotion] = []
@@ -95,7 +100,11 @@ class PsiFrontEnd:
             return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Tracks the segments of a recording through the engine, and shows the forward motions of finished segments."""
+        """Tracks segments on the engine, and hands the forward motions of each finished segment to the preview.
+
+        Returns:
+            The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
+        """
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
@@ -111,7 +120,7 @@ class PsiFrontEnd:
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
-    """Tracks a segment, and returns its motions without the motions of its warm-up."""
+    """Tracks a segment of the scans in `shared`, and returns its motions `begin` <= k < `end`, without the warm-up."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
     if segment.is_backward:
@@ -123,11 +132,11 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
 
 
 def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
-    """Yields the motions between successive scans, each scan matched to the scans that came before it in their order.
+    """Yields the motions between successive scans; each scan is matched to scans before it in the given order.
 
     Args:
-        scans: scans of a recording, or its `ReversedScans`, in which the tracker sees a vehicle that drives in reverse.
-        context: what the front end may know besides the scans, in the order of the recording.
+        scans: scans of a recording, or its `ReversedScans`, in which the vehicle drives in reverse.
+        context: what the front end may use besides the scans; its times are those of the recording that is not reversed.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -167,8 +176,8 @@ def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
 def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
     """Returns the motions from a matched scan through the scans after it.
 
-    If the last scan is matched and the scans before it were lost, the motion to the last scan is spread over the time
-    between the two matched scans as a constant twist. It replaces the blind predictions of the lost scans.
+    If the last scan is matched and the scans before it were lost, the lost scans get the poses of a constant twist between
+    the two matched scans, in place of their predicted poses.
     """
     steps = [begin, *then]
     if then and then[-1].is_found:
@@ -212,11 +221,12 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
 
 
 def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
-    """Marks the motions to and from a few scans that match nowhere as motions on one map, in a track that follows odometry.
+    """Marks motions to and from a few lost scans as motions on one map (`on_map`), in a track that follows odometry.
 
-    The scans before and after them were matched to the same map, since such a track begins a new map only after many lost
-    scans. The motions to and from these scans keep their covariances. Scans of which psi did not observe every direction
-    are different: they joined the map where odometry had put them, so that the scans after them inherit odometry's error.
+    Such a track begins a new map only after `PATIENCE` lost scans in a row, so that the scans before and after fewer lost
+    scans were matched to the same map. The motions keep their covariances. Motions to scans that are not lost, but in which
+    psi did not observe every direction, are not marked: these scans joined the map where odometry had put them, so that
+    odometry's error is passed on to the scans after them.
 
     Args:
         motions: motions between successive scans.
@@ -235,8 +245,8 @@ def _estimate_unsteadiness(
 ) -> NDArray[np.float64]:
     """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model does not explain.
 
-    The variance is zero for a lost motion, whose covariance is large anyway. Where too few of the N successive motions show
-    the variance, the process noise is used instead: an acceleration that changes by its usual amount within a scan.
+    The variance is zero for a lost motion, whose covariance is large anyway. Where too few jumps show the variance, it is
+    taken from the process noise: from an acceleration that changes by its usual amount within a scan.
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]
@@ -249,7 +259,7 @@ def _estimate_unsteadiness(
     expected = np.array([np.diag(motions[k].covariance) for k in followed])
     half = _UNSTEADY_SCANS // 2
     for n, k in enumerate(followed):
-        jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second
+        jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which motion k is the second
         known = min(1.0, len(jumps) / _UNSTEADY_LEAST)
         near = expected[max(n - half, 0) : n + half + 1]
         beyond = np.median(jumps, axis=0) / MEDIAN_OF_CHI2 - np.median(near, axis=0)

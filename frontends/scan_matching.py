@@ -1,4 +1,4 @@
-"""The common part of all front ends that match scans to a map of earlier scans: how they start, and how they bridge gaps."""
+"""The common part of front ends that match scans to a map of earlier scans: how a track starts, and how it bridges gaps."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ FEWEST_MATCHED = 20
 _START_RETURNS = 20
 # Step between the speeds that a start tries, as travel per revolution of the radar [m].
 _START_STEP_M = 2.0
-# A start at a slower speed is as good if it matches this share of the points that the best start matches.
+# A slower start is preferred if it matches at least this share of the points that the best start matches.
 _START_AS_GOOD = 0.95
-# A track is lost where its motions and the motions of a track backward in time differ by more than this speed [m/s] or yaw
-# rate [rad/s], on average over this time [s].
+# A motion is lost if the forward and the backward track differ around it by more than this speed [m/s] or yaw rate [rad/s],
+# on average over this time [s].
 _LOST_SPEED, _LOST_RATE, _LOST_S = 1.0, 0.05, 2.0
 # Missing time between two scans, in durations of a scan, beyond which it is a gap.
 _GAP_TURNS = 0.5
@@ -46,9 +46,9 @@ class Matching(NamedTuple):
     """The settings of a front end that matches scans.
 
     Args:
-        strongest: share of each scan's returns that is used, the strongest first.
+        strongest: share (0..1] of each scan's returns that is used, the strongest ones.
         voxel_size_m: side of the map's voxels [m].
-        max_range_m: farther returns are dropped [m].
+        max_range_m: range beyond which returns are dropped [m].
     """
 
     strongest: float
@@ -57,7 +57,7 @@ class Matching(NamedTuple):
 
     @classmethod
     def of(cls, context: Context, strongest: float, voxel_size_m: float) -> Matching:
-        """Returns the settings of a context; the arguments are the front end's defaults where the user has set no value.
+        """Returns the settings of a context; the other arguments are used where the user has set no value.
 
         All returns of a lidar are used by default, because their intensities depend on the material.
         """
@@ -75,10 +75,10 @@ class PlacedScan:
     """A scan placed in the map.
 
     Args:
-        pose: (3,) pose of the sensor in the map's frame.
-        compute_covariance: returns the covariance (3, 3) of the pose, in the pose's own frame [m, m, rad]. It takes about
-            as long as the match, and not every track needs it.
-        matched: share of the scan's points with a map point near them.
+        pose: (3,) pose of the sensor in the map's frame [m, m, rad].
+        compute_covariance: returns the covariance (3, 3) of the pose, in the pose's own frame [m, m, rad]. The computation
+            takes about as long as the match, and not every track needs the covariance.
+        matched: share of the scan's points that have a map point near them.
     """
 
     pose: se2.Array
@@ -87,7 +87,7 @@ class PlacedScan:
 
 
 class ScanMatcher(Protocol):
-    """A matcher of scans to a map, which it builds from these scans."""
+    """A matcher that builds a map from scans, and matches each new scan to this map."""
 
     reference: float
     """The time within a scan for which a match states the pose: 0 is the scan's beginning, 1 its end."""
@@ -98,13 +98,13 @@ class ScanMatcher(Protocol):
         """Matches a scan, and adds it to the map.
 
         Args:
-            points: (N, 2) m, each in the sensor's frame at its own time.
+            points: (N, 2) points [m], each in the sensor's frame at the time of the point.
             fractions: (N,) time of each point: 0 at the scan's beginning, 1 at its end.
-            before: (3,) pose of the sensor one scan earlier, map frame.
-            motion: (3,) predicted motion over the scan.
+            before: (3,) pose of the sensor one scan earlier, in the map's frame [m, m, rad].
+            motion: (3,) predicted motion over the scan [m, m, rad].
 
         Returns:
-            the match, or None where hardly anything matches; the scan then joins the map at the prediction.
+            The match; None if hardly anything matches. The scan then joins the map at its predicted pose.
         """
         ...
 
@@ -115,10 +115,11 @@ class Step:
 
     Args:
         time: time of the pose [s].
-        pose: (3,) pose of the sensor in the map's frame.
-        covariance: (3, 3) covariance in the pose's own frame; zero where the scan did not match or nobody asked for it.
-        matched: share of the scan's points with a map point near them.
-        coasted_s: time since the last scan that matched [s].
+        pose: (3,) pose of the sensor in the map's frame [m, m, rad].
+        covariance: (3, 3) covariance in the pose's own frame [m, m, rad]; zero where the scan did not match or where the
+            covariance was not asked for.
+        matched: share of the scan's points that have a map point near them.
+        coasted_s: time since the last scan that matched [s]; zero if this scan matched.
     """
 
     time: float
@@ -137,7 +138,7 @@ class ScanTrack:
         twist: (3,) twist with which the track begins [m/s, m/s, rad/s].
         doppler_beta: range shift per closing speed [s]; the shift is removed from the ranges.
         instants: whether each scan was taken in the instant at which it starts, like a lidar scan without a time per beam.
-            The motion that leads to a scan is then the motion since the last scan, and there is nothing to deskew.
+            The motion that leads to a scan is then the motion since the last scan, and no scan is deskewed.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class ScanTrack:
         self._doppler_beta = doppler_beta
         self._instants = instants
         self.twist = twist
-        self._motion: se2.Array | None = None  # over the last scan, if it follows another one at once
+        self._motion: se2.Array | None = None  # motion over the last scan, if there was no gap before this scan
         self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
 
     def follow(self, scan: Scan, backwards: bool = False, with_covariance: bool = True) -> Step:
@@ -169,7 +170,7 @@ class ScanTrack:
         if abs(elapsed) > _LONGEST_COAST_S:
             self.twist = np.zeros(3)
         follows = abs(elapsed - duration) < _GAP_TURNS * abs(duration)
-        # KISS-ICP, too, takes the motion over the scan before, however long both scans took
+        # like KISS-ICP: the motion over the last scan, even if the two scans have different durations
         motion = self._motion if follows and self._motion is not None else se2.exp(self.twist, duration)
         before = se2.compose(self.last.pose, se2.exp(self.twist, elapsed - duration))  # across a gap, if there is one
         returns = scan.returns
@@ -187,8 +188,8 @@ class ScanTrack:
         self._motion = moved if follows else None
         covariance = match.compute_covariance() if with_covariance else np.zeros((3, 3))
         if with_covariance and not self._instants:
-            # a scan that is deskewed by the predicted motion fits best at half its duration: at its end, the pose is off by
-            # half the error of that motion
+            # a scan that is deskewed by the predicted motion fits best at half its duration: at the end of the scan, the
+            # pose is off by half the error of the predicted motion
             off = 0.5 * se2.wrapped_between(predicted, match.pose)
             covariance = covariance + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
@@ -220,7 +221,7 @@ NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins 
 
 
 def keep_strongest(scan: Scan, share: float) -> Scan:
-    """Returns a scan with the strongest share (0, 1] of its returns; all returns as strong as the weakest of them stay."""
+    """Returns a scan with the strongest `share` (0..1] of its returns, and all others as strong as the weakest of these."""
     count = int(np.ceil(share * len(scan.returns)))
     if count == len(scan.returns):
         return scan
@@ -234,19 +235,19 @@ def match_scans(
 ) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
-    A matcher predicts by its last motion, so that it needs a first motion. It finds this motion itself: it runs over the
-    first scans forwards and then backwards in time, and so ends at the start of the recording with the speed there.
+    A matcher predicts by its last motion, so that it needs a first motion. To find this motion, a matcher runs over the
+    first scans forwards and then backwards in time, so that it ends at the start of the recording with the speed there.
 
-    The residuals of a scan do not show how far a match is off, because they have common errors, and because a misplaced
-    scan still matches the misplaced scans before it. When all scans are matched, another matcher therefore follows them
-    backwards. Its motions are not part of the result. Their differences from the forward motions show how large the errors
-    of both are, and where one of the two tracks is lost: the motions there get the status `LOST`.
+    The residuals of a scan do not show the error of a match, because they have common errors, and because a misplaced scan
+    still matches the misplaced scans before it. When all scans are matched, another matcher therefore follows the scans
+    backwards. The backward motions are not part of the result. Their differences from the forward motions show how large the
+    errors of both tracks are, and where one of the two tracks is lost: the motions there get the status `LOST`.
 
     Args:
         scans: the scans in order.
         new_matcher: makes a matcher that has seen no scan.
-        context: context of the front end; its odometry is used for the start only.
-        strongest: share of each scan's returns that is matched, the strongest first.
+        context: context of the front end, whose odometry is used for the start only.
+        strongest: share (0..1] of each scan's returns that is matched, the strongest ones.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -288,10 +289,10 @@ def match_scans(
 
 
 def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns the motions (N,) around which two tracks of the same scans contradict each other.
+    """Returns for each motion (N,) whether two tracks of the same scans contradict each other around it.
 
     Args:
-        apart: (N, 3) differences of the two tracks' motions; zero where one of them has none.
+        apart: (N, 3) differences of the two tracks' motions [m, m, rad]; zero where one track lacks the motion.
         seconds: (N,) duration of each motion [s].
     """
     ends = np.r_[0.0, np.cumsum(seconds)]
@@ -306,9 +307,10 @@ def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDAr
 def _follow(
     scans: Sequence[Scan], track: ScanTrack, start: Step, *, instants: bool
 ) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, and for each motion the times (3,) [s] without a match.
+    """Yields the motions between scans along a new track, and with each motion three times (3,) [s] without a match.
 
-    Scans that were taken in an instant have no returns in the time between them; two matches bridge this time.
+    These are the time since the last match, at the scan before the motion and at the motion's first scan, and the gap
+    between the motion's two scans. `start` is the match of the first scan. Scans that were taken in an instant have no gap.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
@@ -317,7 +319,7 @@ def _follow(
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
         missing_s = 0.0 if instants else scan.t0 - before.t1
-        gap = missing_s > _GAP_TURNS * (before.t1 - before.t0)  # only a match after the gap bridges it
+        gap = missing_s > _GAP_TURNS * (before.t1 - before.t0)  # a gap is bridged only by a match after it
         measurement = Measurement(
             before.t0,
             scan.t0,
@@ -333,9 +335,10 @@ def _follow(
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) between the starts of scans along a new track that begins at the end of the last scan.
+    """Returns the motions (3,) [m, m, rad] between the starts of scans, forward in time, along a new backward track.
 
-    A motion is None if one of its two scans was not matched, or if the track does not reach the start of one of them.
+    The track begins at the end of the last scan. A motion is None if one of its two scans was not matched, or if the track
+    does not reach the start of a scan.
     """
     steps = [track.follow(scan, backwards=True, with_covariance=False) for scan in reversed(scans)][::-1]
     times = np.array([step.time for step in steps])
@@ -348,8 +351,8 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
     """Returns a new track that begins with the twist over the first scan, and the match of this scan to the next scans.
 
-    If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because a matcher that starts at
-    rest finds a speed of three metres per scan, but no higher speed. Of all speeds that fit about as well as the best one,
+    If there is odometry, the twist of the odometry is the first guess. Otherwise several speeds are tried, because a matcher
+    that starts at rest only finds speeds up to three metres per scan. Of all speeds that fit about as well as the best one,
     the slowest is taken.
 
     Raises:
@@ -371,10 +374,10 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
 
 
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:
-    """Follows the first scans from a twist (3,), and then backwards in time.
+    """Follows the first scans from a twist (3,) [m/s, m/s, rad/s], and then backwards in time.
 
-    Returns the sum of the shares that are matched backwards, the twist (3,) at the start, and the backward step of the first
-    scan.
+    Returns:
+        The sum of the shares that are matched backwards, the twist (3,) at the start, and the first scan's backward step.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
@@ -385,13 +388,13 @@ def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Ar
 
 
 def to_matrix(pose: se2.Array) -> NDArray[np.float64]:
-    """Returns a pose (3,) as the (4, 4) matrix that three-dimensional registration libraries take."""
+    """Returns a pose (3,) [m, m, rad] as the matrix (4, 4) that three-dimensional registration libraries take."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.array([[c, -s, 0.0, pose[0]], [s, c, 0.0, pose[1]], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def from_matrix(matrix: NDArray[np.float64]) -> se2.Array:
-    """Returns the planar pose (3,) of a (4, 4) pose matrix; z, roll and pitch are dropped."""
+    """Returns the planar pose (3,) [m, m, rad] of a pose matrix (4, 4); z, roll and pitch are dropped."""
     return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
 

@@ -1,10 +1,11 @@
 """Splits a recording into segments: stretches that are tracked on their own, each in one direction of time.
 
-A track goes scan by scan, which keeps a single processor busy; segments are tracked in parallel. The track of a segment
-warms up on scans of the segment before it, so that its own scans meet a map that has grown. Over the last scans of the
-warm-up the motions pass gradually from one track to the next: a passage at one scan would add that scan's error in both
-maps, whereas a passage over many scans adds only the mean of their errors. The borders of the segments of one direction
-lie midway between the borders of the other direction, so that the two directions never begin anew at the same place.
+A track goes scan by scan and cannot use more than one processor; segments are tracked in parallel. The track of a segment
+first follows some scans of the segment before it (the warm-up), so that the map has grown before the segment's own scans are
+matched. Over the last scans of the warm-up, the motions of one track are blended gradually into the motions of the next: a
+change at one scan would add the errors of this scan in both maps, whereas a change over many scans adds only the mean of
+their errors. The borders of the segments of one direction lie midway between the borders of the other direction, so that
+the two directions never begin anew at the same place.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
 
     Args:
         scans: scans of the recording.
-        settings: state how many scans a segment takes; the result depends on no other setting.
+        settings: settings of the tracker, of which only `segment_scans` is used.
     """
     count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
     warm_up, shared = WARM_UP_SCANS, _SHARED_SCANS
-    sound, before = list[bool](), None  # whether a scan can be matched and directly follows the scan before
+    sound, before = list[bool](), None  # whether each scan can be matched and follows the scan before at once
     for scan in scans:
         sound.append(is_usable(scan) and (before is None or follows_at_once(before, scan)))
         before = scan
@@ -72,9 +73,9 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
     Args:
         count: number of motions.
-        first: earliest motion at which the second segment may begin.
-        able: motions at which segments can begin, in increasing order.
-        size: fewest motions of a segment; the last segment has at least half as many.
+        first: number of the earliest motion at which the second segment may begin.
+        able: numbers of the motions at which segments can begin, in increasing order.
+        size: fewest motions of a segment; the last segment has at least half of this number.
     """
     borders = [0]
     for k in able:
@@ -84,12 +85,12 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
 
 def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]) -> None:
-    """Extends the motions of a track by the motions of the next track, and blends the two gradually where they overlap.
+    """Extends `track` by the motions of the next track, and blends the two gradually where they overlap.
 
     Args:
         track: motions since the recording's first scan; None where there is no measurement.
-        begin: number of the first motion of the next track; the first track may have measured this motion, too.
-        more: motions of the next track.
+        begin: number of the next track's first motion, which `track` may hold, too.
+        more: motions of the next track; None where there is no measurement.
     """
     shared = len(track) - begin
     both = enumerate(zip(track[begin:], more[:shared], strict=True))
@@ -97,9 +98,10 @@ def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[Direct
 
 
 def _blend(earlier: DirectedMotion | None, later: DirectedMotion | None, share: float) -> DirectedMotion | None:
-    """Averages a motion measured by two tracks; the later track has the weight `share`.
+    """Averages two tracks' measurements of a motion; the later track's measurement has the weight `share`.
 
-    If only one of the tracks matched both scans, its measurement is used alone.
+    If only one of the tracks matched both scans of the motion, its measurement is used alone; if neither did, the earlier
+    track's measurement is used alone.
     """
     if earlier is None or later is None:
         return earlier or later

@@ -39,12 +39,12 @@ class SmallGicpFrontEnd(MatchingFrontEnd):
 
 
 class _SmallGicpRegistration:
-    """small_gicp's generalized ICP of planar clouds.
+    """small_gicp's generalized ICP of planar clouds (a `Registration`).
 
-    The library takes the direction in which the points around a point spread least for the normal of the surface. For
-    points of one plane this is always the vertical, so that nothing in the plane would count as a surface. Each return
-    therefore becomes three points at different heights, like a piece of a wall. The heights are symmetric about the plane,
-    so that scans do not leave it.
+    Around each point, the library takes the direction in which neighbouring points spread least as the normal of the
+    surface. For points in one plane, this direction is always the vertical, so that no surface in the plane would be found.
+    Each return therefore becomes three points at different heights, like a piece of a wall. The heights are symmetric about
+    the plane, so that scans stay in the plane.
     """
 
     reach_m = _REACH_M
@@ -53,7 +53,7 @@ class _SmallGicpRegistration:
         self._small_gicp = small_gicp
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
+        """Returns the pose (3,) [m, m, rad] of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
         (cloud, _), (map_cloud, tree) = source, target
         result = self._small_gicp.align(
             map_cloud, cloud, tree, to_matrix(begin), max_correspondence_distance=reach_m, max_iterations=_ITERATIONS
@@ -61,7 +61,7 @@ class _SmallGicpRegistration:
         return from_matrix(result.T_target_source)
 
     def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
-        """Returns points (N, 2) [m] as a cloud with covariances and the tree that searches it; see `Registration`."""
+        """Returns points (N, 2) [m] as a downsampled cloud with its search tree, and its points (M, 2) [m]."""
         planar = self._small_gicp.voxelgrid_sampling(lift(points), voxel_size_m).points()[:, :2]
         standing = np.concatenate([lift(planar) + np.array([0.0, 0.0, height * voxel_size_m]) for height in _HEIGHTS])
         cloud = self._small_gicp.PointCloud(standing)
@@ -71,7 +71,7 @@ class _SmallGicpRegistration:
 
 
 def _import_small_gicp() -> Any:
-    """Imports small_gicp.
+    """Imports small_gicp, and returns its module.
 
     Raises:
         ConfigError: small_gicp cannot be imported.

@@ -69,7 +69,7 @@ class Localised:
     Args:
         stamps_us: (N,) start of each scan [us].
         poses: (N, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
-        covariances: (N, 3, 3) covariances of these poses [m, m, rad] relative to the map around them, in their own frames.
+        covariances: (N, 3, 3) covariances of these poses relative to the map nearby, each in its pose's frame [m, m, rad].
         statuses: (N,) how far each pose can be trusted.
         psi: (N,) score per return on the map; NaN for scans that do not lie on the map.
         matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.

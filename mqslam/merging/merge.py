@@ -80,8 +80,7 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
     """Joins the keyframes of all sessions; the poses of each session stay in the frame of this session.
 
-    The numbers of scans become the numbers of their vertices in the joint graph. The georeference is that of the first
-    session.
+    The numbers of scans become numbers of vertices in the joint graph. The georeference of the first session is kept.
     """
     own = [session.map.keyframes for session in sessions]
     firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
