@@ -81,7 +81,7 @@ class PsiFrontEnd:
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
     def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
-        """Tracks a recording as a whole, forward and backward in parallel, and hands each forward motion to the preview.
+        """Tracks a recording as a whole, forward and backward in parallel, and shows each forward motion at once.
 
         Returns:
             The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
@@ -100,11 +100,7 @@ class PsiFrontEnd:
             return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Tracks segments on the engine, and hands the forward motions of each finished segment to the preview.
-
-        Returns:
-            The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
-        """
+        """Does the same as `_track_at_once`, but tracks segments on the engine; shows the motions of finished segments."""
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
