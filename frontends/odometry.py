@@ -41,7 +41,7 @@ class OdometryFrontEnd:
             t0 = before.t0
             stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
             if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
-                raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
+                raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s; give odometry that does")
             first, last = self._odometry.at(stamps)
             pose = se2.wrapped_between(first, last)
             along = SIGMA_REST_M + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))

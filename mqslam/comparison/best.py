@@ -118,7 +118,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
     names = tuple(row.name for row in left)
     undecided = f"{join_words(names)} cannot be told apart"
     if not ties:
-        undecided += ": neither ground truth nor windows nor revisits judge all of them"
+        undecided += ": no error, share or verdict is known for all of them"
     return Best(names, None, " ".join([f"{undecided}.", *map(_explain, ties)]))
 
 

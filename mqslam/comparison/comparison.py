@@ -92,7 +92,7 @@ def compare_rows(
         raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
     common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
-    shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those"
+    shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on these scans only"
     places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None], WINDOW)
     stations = pick_stations(common, WINDOW)
     judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)

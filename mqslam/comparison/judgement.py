@@ -99,13 +99,13 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < WINDOW:
-        too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
+        too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few for a comparison"
         raise EstimationError(f"{too_few}; give a recording of at least {WINDOW} scans")
     if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(
             f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {WINDOW} are needed; "
-            "leave out the rows that cover too little"
+            "leave out the rows that cover too few scans"
         )
     return scans.take(sorted(inside))
 

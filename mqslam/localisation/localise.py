@@ -398,8 +398,8 @@ def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, am
         return too_short, _LONGER
     along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")
     if 2 * ambiguous > looked_up:
-        fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about as well"
-        return f"several places of this map fit, and nothing tells which one it is ({fit})", _LONGER
-    fits = f"; {ambiguous} of them fit several places about as well" if ambiguous else ""
+        fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about equally well"
+        return f"several places of this map fit, and nothing shows which place is the right one ({fit})", _LONGER
+    fits = f"; {ambiguous} of them fit several places about equally well" if ambiguous else ""
     remedy = _LARGER_MAP if len(made.places.keyframes) < 2 * ROW else _OTHER_MAP  # few places hardly ever form a row
     return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", remedy

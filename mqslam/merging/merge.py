@@ -295,8 +295,8 @@ def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> lis
     """Returns a warning for each session whose graph file lacks data, such as GNSS fixes, that determined its poses."""
     return [
         f"{session.folder}: with only the edges in its graph.g2o, its poses move by up to "
-        f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or "
-        "GNSS that has held them is not in this file, and the merge does without it"
+        f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or GNSS that its run used is not in this file, "
+        "so the merge cannot use it"
         for session, far in zip(sessions, moved_m, strict=True)
         if far > _MOVED_M
     ]
@@ -306,7 +306,7 @@ def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recog
     """Returns a warning for each pair of sessions in which more submaps match several places than match only one place."""
     return [
         f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
-        f"{sessions[m.earlier].folder} about as well and were not used; {m.matches} submaps match only one place"
+        f"{sessions[m.earlier].folder} about equally well and were not used; {m.matches} submaps match only one place"
         for m in recognitions
         if m.ambiguous > m.matches
     ]
@@ -322,8 +322,8 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
     apart = [str(sessions[n].folder) for n in range(len(sessions)) if n not in joined]
     if apart:
         raise EstimationError(
-            f"{', '.join(apart)}: the places that it seems to share with other recordings do not fit: linked, they make the "
-            "map worse",
+            f"{', '.join(apart)}: places seem to be shared with other recordings, but linking these places makes the map "
+            "worse",
             "give recordings that pass the same places",
         )
 

@@ -95,7 +95,7 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
     """
     keyframes, count = kept.keyframes, sum(len(stamps) for stamps in stamps_us)
     if not len(keyframes):
-        raise DataError(folder, "holds a map without keyframes", "give a result of a recording that shows something")
+        raise DataError(folder, "holds a map without keyframes", "give a result whose map has keyframes")
     if len(stamps_us) != len(keyframes.recordings):
         problem = f"has {len(keyframes.recordings)} recordings in its keyframes and {len(stamps_us)} trajectories"
         raise DataError(folder, problem, _REMEDY)
@@ -326,9 +326,9 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
     names = ", ".join(str(sessions[n].folder) for n in apart)
     ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
     rivals = max((m.relation.rivals for m in own), default=0)
-    why = "none of its places is recognised in the others" if not matches else f"only {matches} matches of places were found"
+    why = "none of its places is recognised in the others" if not matches else f"too few matches agree ({matches} found)"
     if ambiguous or rivals:
-        why = f"several places fit: {ambiguous} submaps match more than one place about as well"
+        why = f"several places fit: {ambiguous} submaps match more than one place about equally well"
         if rivals:
             agreeing = max(m.relation.agreeing for m in own)
             why += f", and {agreeing} matches agree on one relative pose and {rivals} on another"

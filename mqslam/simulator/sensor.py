@@ -86,9 +86,9 @@ class SensorModel:
                 f"simulator: turn_rate_hz is {self.turn_rate_hz}: {self.azimuths} azimuths take under 1 us each; lower it"
             )
         if self.bins < 8:
-            raise ConfigError(f"simulator: {self.max_range} m hold only {self.bins} range bins; raise max_range")
+            raise ConfigError(f"simulator: a max_range of {self.max_range} m holds only {self.bins} range bins; raise it")
         if self.bins * self.azimuths > _MOST_READINGS:
-            raise ConfigError(f"simulator: {self.max_range} m hold too many range bins ({self.bins}); lower max_range")
+            raise ConfigError(f"simulator: a max_range of {self.max_range} m holds too many bins ({self.bins}); lower it")
 
     @property
     def bins(self) -> int:

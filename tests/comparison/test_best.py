@@ -88,7 +88,7 @@ CASES = {
         [standing("a"), standing("b")],
         ("a", "b"),
         None,
-        "a and b cannot be told apart: neither ground truth nor windows nor revisits judge all of them.",
+        "a and b cannot be told apart: no error, share or verdict is known for all of them.",
     ),
 }
 
