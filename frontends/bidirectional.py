@@ -149,7 +149,7 @@ def join(
 
 
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
-    """Returns the difference of two measurements of one motion; variances are NaN for axes not observed by both."""
+    """Returns the difference of two measurements of one motion; a variance is NaN if one does not observe the axis."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
     seen = [
@@ -199,7 +199,7 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 def _join_motions(
     forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float, is_guided: bool
 ) -> Measurement:
-    """Joins two measurements of one motion; if only one measurement has both scans matched, it is used alone.
+    """Joins two measurements of one motion; if only one measurement has both scans matched, this one is used.
 
     A direction that is still returning to its right position is not used, unless the other direction is returning, too.
     """
@@ -216,7 +216,7 @@ def _join_motions(
 
 
 def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
-    """Joins two measurements that follow odometry where psi does not show the motion; if one is lost, it is left out.
+    """Joins two measurements that follow odometry where psi does not show the motion; if one is lost, the other is used.
 
     In a corridor, each measurement is accurate across the corridor and inaccurate along it. By chance, the two measurements
     disagree by a small angle about the direction of the corridor: covariance intersection would put the result where the
@@ -232,7 +232,7 @@ def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
 
 
 def _average(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
-    """Returns the mean of two measurements whose errors have a share of their variance in common.
+    """Returns the mean of two measurements whose errors have the share `shared` of their variance in common.
 
     Both measurements have the same weight, whatever their covariances: if weights changed from motion to motion, errors of
     successive motions would not cancel. If the measurements contradict each other, their difference enlarges the covariance.

@@ -31,7 +31,7 @@ class Twice(NamedTuple):
     Args:
         pose: (3,) the first measurement of the motion [m, m, rad].
         apart: (3,) the second measurement minus the first measurement [m, m, rad].
-        variances: (3,) variances of this difference, as the front end states them; NaN along axes that one of the
+        variances: (3,) variances of `apart` [m^2, m^2, rad^2] that the front end states; NaN along axes that one of the
             measurements does not observe.
     """
 

@@ -93,7 +93,7 @@ class KeyframeMatcher:
         return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), near)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
-        """Adds the points (N, 2) [m] of a scan at a pose (3,) to the map, unless the pose is near the last keyframe's."""
+        """Adds the points (N, 2) [m] of a scan at a pose (3,) to the map, unless the pose is near the last keyframe."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < _KEYFRAME_M

@@ -37,7 +37,7 @@ class KissIcpFrontEnd(MatchingFrontEnd):
     KISS-ICP begins at rest and predicts by its last motion, so that it would lose the first scans of a recording that begins
     while the vehicle drives. The front end therefore finds the first motion (`scan_matching.match_scans`): KISS-ICP runs
     over the first scans forwards and then backwards in time, from several speeds, and starts with the motion whose scans
-    fitted best. It takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help
+    fitted best. Nothing is taken from psi except the radar's Doppler shift, which is removed from the ranges with the help
     of the last motion.
 
     KISS-ICP deskews a scan to the scan's end, so that its pose is the sensor's pose where the next scan begins.

@@ -81,7 +81,7 @@ class PsiFrontEnd:
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
     def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
-        """Tracks a recording as a whole, forward and backward in parallel, and shows each forward motion at once.
+        """Tracks a recording as a whole, forward and backward in parallel; each forward motion is previewed at once.
 
         Returns:
             The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
@@ -100,7 +100,7 @@ class PsiFrontEnd:
             return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Does the same as `_track_at_once`, but tracks segments on the engine; shows the motions of finished segments."""
+        """Does as `_track_at_once` in segments on the engine; the forward motions of finished segments are previewed."""
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
@@ -185,7 +185,7 @@ def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
 
 
 def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
-    """Returns the motion between two tracked scans; their errors relative to the map are taken as independent."""
+    """Returns the motion between two tracked scans; the errors of both poses on the map are taken as independent."""
     pose = se2.wrapped_between(a.pose, b.pose)
     by_end = se2.adjoint([0.0, 0.0, -a.state.yaw])
     by_start = -by_end

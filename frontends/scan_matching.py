@@ -307,9 +307,9 @@ def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDAr
 def _follow(
     scans: Sequence[Scan], track: ScanTrack, start: Step, *, instants: bool
 ) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, and with each motion three times (3,) [s] without a match.
+    """Yields the motions between scans along a new track, and with each motion three durations (3,) [s] without a match.
 
-    These are the time since the last match, at the scan before the motion and at the motion's first scan, and the gap
+    They are the time since the last match, at the scan before the motion and at the motion's first scan, and the gap
     between the motion's two scans. `start` is the match of the first scan. Scans that were taken in an instant have no gap.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0

@@ -78,7 +78,7 @@ class _Figure(NamedTuple):
 
 
 class _Tie(NamedTuple):
-    """The result of a criterion that does not decide: rows that may be equal by it, and rows that are worse."""
+    """The result of a criterion that does not decide: the rows that may be equal, and the rows that are worse."""
 
     criterion: str
     alike: list[_Figure]
@@ -89,7 +89,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
     """Finds the best row by drift, ATE, share of torn windows, share of torn revisits and verdict, in this order.
 
     A criterion keeps the row with the smallest value and all rows that do not differ from it, and the next criterion decides
-    among these. Two errors differ if they have different text in the table. Two shares differ if their ranges do not
+    among these rows. Two errors differ if they have different text in the table. Two shares differ if their ranges do not
     overlap. A criterion is skipped if one of the remaining rows has no value for it.
 
     Args:

@@ -115,7 +115,7 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
 
     Args:
         scans: scans that every trajectory covers.
-        tracks: the trajectories.
+        tracks: the trajectories; fewer than two give no places.
         size: number of scans of a window.
     """
     stamps = scans.stamps_us
@@ -226,7 +226,7 @@ def _crop(sweeps: Sweeps, place: Place, half_m: float) -> NDArray[np.float64]:
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
     """Returns for pairs of rows both names and the errors of the first row, as if the second row were the truth.
 
-    Pairs of rows that hardly overlap in time are left out.
+    A pair is left out if fewer than 3 stamps of the second row lie in the time span of the first row.
     """
     pairs = []
     for i, a in enumerate(rows):

@@ -94,7 +94,7 @@ class MapAround:
             pose: (3,) pose of the scan in the map's frame [m, m, rad].
 
         Returns:
-            The local frame (3,), near the scan and with axes parallel to the map's, and the points in this frame.
+            The local frame (3,) [m, m, rad], near the scan and parallel to the map's frame, and the points in it.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])

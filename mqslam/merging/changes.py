@@ -88,8 +88,8 @@ def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], vie
 
     Args:
         cells: (C, 2) centres of the cells in the map's frame [m].
-        farthest: (C, A) largest distance from which each cell was shown [m], for each of A directions from the cell to the
-            keyframe.
+        farthest: (C, A) largest distance from which each cell was shown [m], for each of A directions, as `find_farthest`
+            returns it.
         views: views of the keyframes.
     """
     poses, firsts, origins = views.poses, views.firsts, views.origins
@@ -208,7 +208,7 @@ def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Chan
 
 
 def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[np.float64]:
-    """Returns the uncertainty of each keyframe relative to each recording in the joint graph; it grows away from links.
+    """Returns the uncertainty of each keyframe relative to each recording in the joint graph; far from links, it is large.
 
     Args:
         keyframes: keyframes of the map.

@@ -191,7 +191,7 @@ class Merged:
 
 
 def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
-    """Makes one map of several sessions, in the frame of the first one.
+    """Makes one map of several sessions, in the frame of the first session.
 
     Args:
         sessions: two or more.
@@ -286,7 +286,7 @@ def _optimise_alone(session: Session) -> Chain:
 
 
 def _measure_move(session: Session, chain: Chain) -> float:
-    """Returns the largest distance [m] between a session's keyframes and their poses at the optimum of its own graph."""
+    """Returns the largest distance [m] by which a session's keyframes move when the session's graph is optimised alone."""
     off = chain.graph.poses_at(chain.values)[:, :2] - session.map.keyframes.poses[:, :2]
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 

@@ -43,7 +43,7 @@ class Session:
         map: keyframes and places of the result.
         stamps_us: for each recording of the result, the stamps (N,) of all scans [us].
         graph: graph of the result; the scans of all recordings are the first vertices, in order.
-        frame: (3,) pose of the graph's frame in the frame of the keyframes.
+        frame: (3,) pose of the graph's frame in the frame of the keyframes [m, m, rad].
     """
 
     folder: Path
@@ -59,7 +59,7 @@ class Session:
 
     @property
     def poses(self) -> se2.Array:
-        """Poses (V, 3) of all vertices of the graph, in the frame of the keyframes."""
+        """Poses (V, 3) of all vertices of the graph, in the frame of the keyframes [m, m, rad]."""
         poses = np.array([pose_of(self.graph.values, key) for key in self.graph.keys])
         return se2.compose(self.frame, poses)
 
@@ -191,7 +191,7 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
-        weights: (N,) weights of the rows.
+        weights: (N,) weights of the rows, their numbers of matches.
     """
     best: list[int] = []
     for first in range(len(weights)):

@@ -100,7 +100,7 @@ class SampledDrive(Drive):
         return i, (times - self.times[i])[:, None] / step, step
 
     def _ends(self, i: NDArray[np.intp], step: Times) -> tuple[se2.Array, se2.Array, se2.Array, se2.Array]:
-        """Returns the samples (N, 3) at both ends of intervals `i` (N,), and the rates there times `step` (N, 1) [s]."""
+        """Returns the samples (N, 3) at both ends of intervals `i` (N,), and the rates at both ends multiplied by `step`."""
         return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
@@ -209,7 +209,7 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
     """Returns the scene with its moving vehicles shifted along their lanes, so that none touches the radar's own vehicle.
 
-    A vehicle that would touch the radar's vehicle after every shift stays in its place.
+    A vehicle that would touch the radar's vehicle after every shift stays in its place. The drive lasts `duration_s`.
     """
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)

@@ -1,5 +1,6 @@
 """The scene of a city: what stands in its blocks and along its streets, and the vehicles on its lanes.
 
+The house line of a block is a polygon (K, 2) [m] inside which everything in the block stands.
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
 
@@ -142,7 +143,7 @@ def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> No
 
 
 def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, parts: SceneParts) -> None:
-    """Adds a railing, fence or barrier between two points (2,) [m]: walls of random reflectivity from a span, and posts."""
+    """Adds a railing, fence or barrier between two points (2,) [m]: walls with reflectivities from a span, and posts."""
     length = float(np.hypot(*(end - start)))
     cuts = np.cumsum(np.r_[0.0, rng.uniform(2.0, 9.0, int(length / 2.0) + 1)])
     cuts = np.minimum(cuts[: np.searchsorted(cuts, length) + 1], length)
@@ -298,7 +299,7 @@ PARKING_VERGE = 5.0
 
 
 def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], parts: SceneParts) -> None:
-    """Adds the things along a street, but not within the distances `clear` [m] of its first and its second end."""
+    """Adds lamps, signs, trees, railings and parked vehicles along a street, but not within `clear` [m] of its two ends."""
     first, last = clear[0] + 1.0, street.length - clear[1] - 1.0
     if street.kind == "footway" or last - first < 5.0:
         return
@@ -319,7 +320,7 @@ def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float,
 def _furnish_side(
     rng: np.random.Generator, street: Street, span: tuple[float, float], side: float, parts: SceneParts
 ) -> None:
-    """Adds the things on the left (side 1) or right (side -1) of a street, from one distance along it to another [m]."""
+    """Adds the things on the left (side 1) or right (side -1) of a street, between two distances `span` along it [m]."""
     half, verge = street.profile.half, street.profile.verge
     parks = verge > PARKING_VERGE and street.kind == "street"
     kerb = half + (2.5 if parks else 0.5)
