@@ -149,7 +149,10 @@ def join(
 
 
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
-    """Returns the difference of two measurements of one motion; a variance is NaN if one does not observe the axis."""
+    """Returns the difference of two measurements of one motion, with its variances.
+
+    The variance is NaN along an axis that one of the measurements does not observe.
+    """
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
     seen = [

@@ -100,7 +100,7 @@ class PsiFrontEnd:
             return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Does as `_track_at_once` in segments on the engine; the forward motions of finished segments are previewed."""
+        """Tracks segments on the engine; previews and returns motions as `_track_at_once`, but after each segment only."""
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
