@@ -55,9 +55,9 @@ def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def subtract(a: Array, b: Array) -> Array:
-    """Returns the difference a - b (3,) of two poses, component by component, with its yaw wrapped to [-pi, pi)."""
+    """Returns the difference a - b (..., 3) of poses, component by component, with its yaw wrapped to [-pi, pi)."""
     off = a - b
-    off[2] = wrap(off[2])
+    off[..., 2] = wrap(off[..., 2])
     return off
 
 

@@ -166,3 +166,9 @@ def test_returns_between_poses_are_seen_from_the_smooth_curve() -> None:
     poses = np.column_stack([times**2, np.zeros(5), 0.1 * times])
     at = np.array([1.0, 1.5, 2.25])
     np.testing.assert_array_equal(se2.find_poses_of_returns(times, poses, at), se2.smooth(times, poses, at))
+
+
+def test_the_difference_of_many_poses_wraps_each_yaw_and_nothing_else(poses: se2.Array) -> None:
+    for count in (2, 50):
+        expected = [[a[0] - b[0], a[1] - b[1], se2.wrap(a[2] - b[2])] for a, b in zip(poses, poses[::-1], strict=True)]
+        np.testing.assert_array_equal(se2.subtract(poses[:count], poses[::-1][:count]), expected[:count])
