@@ -94,7 +94,7 @@ def _write_keyframes(out: Path, folder: Path, *, force: bool) -> None:
     keyframes = read_keyframes(folder).keyframes
     shown, first = render_keyframes(keyframes), keyframes.recordings[0]
     unknown, unmatched = np.full(len(shown.points), np.nan), np.zeros(len(shown.points), dtype=np.bool_)
-    clock = MapClock(first.start_us, round(1e6 * first.revolution_s))
+    clock = MapClock(first.start_us, round(1e6 * first.revolution_s), keyframes.unit_m is not None)
     with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.parent.mkdir(parents=True, exist_ok=True)
     write_ply(out, PointMap(shown.points, shown.times, shown.intensities, unknown, unmatched), clock)

@@ -172,6 +172,7 @@ class TimedCloud:
         stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
         notes: what a user should know about how the file was understood.
         scan_us: usual duration of a scan [us], which only maps written by mqslam state; None for other files.
+        is_of_lidar: whether the file says that a lidar has seen the points, as maps of lidars written by mqslam do.
     """
 
     path: Path
@@ -179,11 +180,12 @@ class TimedCloud:
     stamps_us: NDArray[np.int64]
     notes: tuple[str, ...]
     scan_us: int | None = None
+    is_of_lidar: bool = False
 
     @property
     def is_of_radar(self) -> bool:
-        """Whether the points are taken for a radar's: true for maps that mqslam has written, which state `scan_us`."""
-        return self.scan_us is not None
+        """Whether the points are taken for a radar's: true for maps written by mqslam that are not marked as a lidar's."""
+        return self.scan_us is not None and not self.is_of_lidar
 
     def __len__(self) -> int:
         return len(self.points)

@@ -42,7 +42,8 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
     Times are in the unit that the field's name ends in (t_us). Without a unit in the name the largest time decides: it is in
     nanoseconds above 1e17, in microseconds above 1e14, in milliseconds above 1e11, else in seconds. The `map.ply` of a run
-    states in a comment how long a scan takes; in older files the comment also states the stamp from which times are counted.
+    states in a comment how long a scan takes, and that of a lidar's run its sensor; in older files the comment also states
+    the stamp from which times are counted.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y [m] and a time. In an `.npz` x and y may be the
@@ -69,7 +70,13 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
         raise DataError(path, f"counts its times from {clock.start_us} us, a stamp beyond any clock", "write the file again")
     notes = [f"times are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
-    return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
+    return replace(
+        cloud,
+        stamps_us=cloud.stamps_us + clock.start_us,
+        notes=(*cloud.notes, *notes),
+        scan_us=clock.scan_us,
+        is_of_lidar=clock.is_of_lidar,
+    )
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:

@@ -17,20 +17,23 @@ from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
 _CLOCK: Final = re.compile(r"mqslam clock: times are seconds since (\d{1,19}) us, a scan takes (\d{1,19}) us")
+_OF_LIDAR: Final = "comment mqslam sensor: lidar"  # maps of radars do not state their sensor, nor do older maps
 _HEADER_BYTES: Final = 1 << 16  # size limit: comments are looked for in this many bytes at the beginning
 
 
 @dataclass(frozen=True, slots=True)
 class MapClock:
-    """The relation between the times of a run's point map and the stamps of its trajectory.
+    """The relation between the times of a run's point map and the stamps of its trajectory, and the kind of its sensor.
 
     Args:
         start_us: stamp from which times are counted [us]: the recording's start, or 0 if the times are stamps themselves.
         scan_us: usual duration of a scan [us].
+        is_of_lidar: whether a lidar has seen the points, and not a radar.
     """
 
     start_us: int
     scan_us: int
+    is_of_lidar: bool = False
 
 
 def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> None:
@@ -42,7 +45,8 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
         path: the file.
         pointmap: the points, with times since the recording's start.
         clock: relation of the times to the stamps of the run's trajectory. The times are then written in the clock of these
-            stamps, and a comment in the file says so. None writes the times as they are, without a comment.
+            stamps, and a comment in the file says so; another one marks the map of a lidar. None writes the times as they are, and no
+            comment.
 
     Raises:
         OutputError: the file cannot be written.
@@ -60,10 +64,11 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
 
 
 def _format_header(count: int, clock: MapClock | None) -> str:
-    """Returns the header of a PLY with `count` points, with a comment on the clock if it is given."""
+    """Returns the header of a PLY with `count` points, with comments on the clock and the sensor if the clock is given."""
     lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
         lines.append(f"comment mqslam clock: times are seconds since 0 us, a scan takes {clock.scan_us} us")
+        lines += [_OF_LIDAR] if clock.is_of_lidar else []
     lines.append(f"element vertex {count}")
     lines += [f"property {'double' if kind == '<f8' else 'float'} {name}" for name, kind in _VERTEX]
     return "\n".join([*lines, "end_header", ""])
@@ -77,10 +82,11 @@ def read_clock(path: Path) -> MapClock | None:
     """
     with untrusted.check_file(path).open("rb") as file:
         header, end, _ = file.read(_HEADER_BYTES).partition(b"end_header")
-    for line in header.decode("latin-1").splitlines() if end else ():
+    lines = [line.strip() for line in header.decode("latin-1").splitlines()] if end else []
+    for line in lines:
         match = _CLOCK.fullmatch(line.removeprefix("comment ").strip())
         if match is not None and int(match[2]) > 0:
-            return MapClock(int(match[1]), int(match[2]))
+            return MapClock(int(match[1]), int(match[2]), _OF_LIDAR in lines)
     return None
 
 

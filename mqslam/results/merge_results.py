@@ -119,8 +119,8 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
     failures: list[str] = []
     with tolerate("map.ply", failures):
         recordings = merged.kept.keyframes.recordings
-        turn_us = round(1e6 * recordings[0].revolution_s)
-        write_ply(folder / "map.ply", merged.map, MapClock(min(recording.start_us for recording in recordings), turn_us))
+        start_us, turn_us = min(recording.start_us for recording in recordings), round(1e6 * recordings[0].revolution_s)
+        write_ply(folder / "map.ply", merged.map, MapClock(start_us, turn_us, merged.kept.keyframes.unit_m is not None))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
         if merged.kept.keyframes.unit_m is not None:

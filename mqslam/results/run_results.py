@@ -164,7 +164,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
     with tolerate("map.ply", failures):
         stamps_us = run.optimised.stamps_us
         scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0
-        write_ply(folder / "map.ply", run.map_optimised, MapClock(int(stamps_us[0]), scan_us))
+        clock = MapClock(int(stamps_us[0]), scan_us, isinstance(recording, LidarRecording))
+        write_ply(folder / "map.ply", run.map_optimised, clock)
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(run.map_optimised.points, run.config.map.cell_m)
         if isinstance(recording, LidarRecording):

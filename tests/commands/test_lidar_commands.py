@@ -18,6 +18,7 @@ from mqslam.commands.batch import run_batch
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
+from mqslam.formats.clouds import read_cloud
 from mqslam.formats.lidars import read_lidar
 from mqslam.formats.maps.keyframe_folder import read_keyframes
 from mqslam.formats.maps.nav2_map import read_nav2_map
@@ -92,6 +93,7 @@ def test_two_rounds_of_a_lidar_become_one_map(
     spread = [np.ptp(keyframes.poses[:, :2], axis=0) for keyframes in (own, both)]
     np.testing.assert_allclose(*spread, atol=0.3)
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
+    assert not any(read_cloud(folder / "map.ply").is_of_radar for folder in (rounds[0], tmp_path / "out"))
     made = read_nav2_map(tmp_path / "out" / "map.yaml")
     for track in merged.read_trajectories():
         columns, rows = ((track.poses[:, :2] - made.origin[:2]) / made.resolution).astype(int).T

@@ -358,6 +358,15 @@ def test_importing_the_module_loads_no_heavy_package() -> None:
     assert done.stdout.strip() == "set()"
 
 
+def test_a_map_says_that_a_lidar_made_it(tmp_path: Path) -> None:
+    write_ply(tmp_path / "radar.ply", some_map(3), MapClock(0, 250_000))
+    write_ply(tmp_path / "lidar.ply", some_map(3), MapClock(0, 250_000, is_of_lidar=True))
+    write_ply(tmp_path / "unknown.ply", some_map(3))
+    clouds = [read_cloud(tmp_path / name) for name in ("radar.ply", "lidar.ply", "unknown.ply")]
+    assert [cloud.is_of_radar for cloud in clouds] == [True, False, False]
+    assert [cloud.scan_us for cloud in clouds] == [250_000, 250_000, None]
+
+
 def test_a_map_states_its_clock_in_a_comment(tmp_path: Path) -> None:
     clock = MapClock(start_us=1_547_131_046_353_776, scan_us=250_000)
     write_ply(tmp_path / "with.ply", some_map(3), clock)
