@@ -55,7 +55,7 @@ class SensorConfig(Section):
         ge=-10.0,
         le=10.0,
         description="True range of an object at rest minus the range of its bin's centre [m]: about -0.3 on Navtech's "
-        "radars. null takes what the recording states, else 0.",
+        "radars. null takes what the recording states, else the usual offset of its format: 0 for all but Boreas.",
     )
     doppler_beta: float | None = Field(
         None,

@@ -111,18 +111,18 @@ def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> R
 
 
 def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
-    """Returns the range [m] of the near end of bin 0, and a list with a note if the file of calibrations does not exist.
+    """Returns the range [m] of the near end of bin 0, and a list with a note if the usual range is assumed.
 
-    If the file does not exist or does not state this range, the usual range is returned.
+    It is assumed if the file of calibrations does not exist or does not state this range.
 
     Raises:
         DataError: the file cannot be read, or states an offset that is too large for a radar.
     """
-    if not file.exists():
-        note = f"a range offset of {_RADAR_OFFSET_M:g} m is assumed, as the devkit has it: {Remedy.OVERRIDE_RANGE_OFFSET}"
-        return _RADAR_OFFSET_M, [note]
     stated = _read_stated(file, "radar_offset", is_range_offset)
-    return _RADAR_OFFSET_M if stated is None else stated, []
+    if stated is not None:
+        return stated, []
+    note = f"a range offset of {_RADAR_OFFSET_M:g} m is assumed, as the devkit has it: {Remedy.OVERRIDE_RANGE_OFFSET}"
+    return _RADAR_OFFSET_M, [note]
 
 
 def _read_stated(file: Path, name: str, fits: Callable[[float], bool]) -> float | None:

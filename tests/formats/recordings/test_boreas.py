@@ -42,6 +42,9 @@ def test_the_range_offset_counts_from_the_near_end_of_a_bin(boreas: Path) -> Non
     recording = open_recording(boreas, range_resolution=0.06)
     assert recording.range_offset == pytest.approx(-0.23) and not recording.notes
     assert open_recording(boreas, range_offset=0.1).range_offset == 0.1
+    stated.write_text("wheel_radius: 0.34\n")
+    assert open_recording(boreas, range_resolution=0.06).range_offset == pytest.approx(-0.34)
+    assert note_of(boreas, "range offset").startswith("a range offset of -0.31 m is assumed")
     for text in (
         "radar_offset: near",
         "radar_offset: .nan",
