@@ -35,6 +35,7 @@ _WORDS: dict[str, str] = {
     Remedy.MEND_FRONT_END: "mend it (-v shows its traceback), or choose another --frontend",
     Remedy.OVERRIDE_RANGE_OFFSET: "--set sensor.range_offset_m=METRES overrides it",
     Remedy.OVERRIDE_RANGE_RESOLUTION: "--range-resolution overrides it",
+    Remedy.READ_WITH_RANGE_OFFSET: "read the result with --set sensor.range_offset_m=",
     Remedy.READ_WITH_RANGE_RESOLUTION: "read the result with --range-resolution",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
     Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",

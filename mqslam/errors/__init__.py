@@ -52,7 +52,7 @@ class Remedy(StrEnum):
     OVERRIDE_RANGE_RESOLUTION = "sensor.range_resolution_m overrides it"
     READ_WITH_RANGE_RESOLUTION = "read the result with sensor.range_resolution_m:"
     OVERRIDE_RANGE_OFFSET = "sensor.range_offset_m overrides it"
-    READ_WITH_RANGE_OFFSET = "read the result with sensor.range_offset_m:"
+    READ_WITH_RANGE_OFFSET = "read the result with sensor.range_offset_m: "
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"

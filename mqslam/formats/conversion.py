@@ -131,6 +131,6 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"
         notes.append(f"{target.name} does not say how long a range bin is: {remedy}")
     if recording.range_offset and not target.range_offset:
-        remedy = f"{Remedy.READ_WITH_RANGE_OFFSET} {recording.range_offset:.9g}"
+        remedy = f"{Remedy.READ_WITH_RANGE_OFFSET}{recording.range_offset:.9g}"
         notes.append(f"{target.name} does not hold the range offset: {remedy}")
     return notes

@@ -50,6 +50,12 @@ def test_a_named_layout_goes_into_a_folder(tmp_path: Path, to: str) -> None:
     assert_alike(left_turn(), recording)
 
 
+def test_a_range_offset_that_is_lost_is_named_as_the_option_that_states_it(oxford: Path, tmp_path: Path) -> None:
+    (oxford / "recording.json").write_text('{"range_resolution_m": 0.0438, "range_offset_m": -0.25}')
+    shown = mqslam("convert", oxford, tmp_path / "out", "--to", "radiate")
+    assert shown.code == 0 and "read the result with --set sensor.range_offset_m=-0.25\n" in shown.err
+
+
 def test_settings_of_the_sensor_reach_the_recording(tmp_path: Path) -> None:
     drive = write_radiate(tmp_path / "drive", left_turn())
     (tmp_path / "mine.yaml").write_text("sensor: {stamp: start, range_resolution_m: 0.5}\n")
