@@ -19,6 +19,7 @@ from mqslam.formats.recordings.layout import Message, Target
 
 _FOLDER = "oxford"  # the layout of a folder if the user names no layout
 _LEFT = "is left behind: mqslam does not write it in this layout"
+_DOWN_LEFT = "down-chirps are left behind: mqslam does not write them in this layout"
 
 
 def find_target(out: Path, name: str | None = None, message: Message = "image") -> Target:
@@ -97,6 +98,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
     notes = target.write(out, source)
     for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
         notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
+    notes += [_DOWN_LEFT] if source.down[0] and not target.chirps else []
     return [*notes, *_list_losses(source, target, 0 if target.validity else source.unmeasured[0])]
 
 

@@ -224,5 +224,11 @@ def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) ->
 
 
 TARGETS = (
-    Target("boreas", write, range_offset=True, assumed_resolution=lambda recording: _find_resolution(recording.start_us)),
+    Target(
+        "boreas",
+        write,
+        chirps=True,
+        range_offset=True,
+        assumed_resolution=lambda recording: _find_resolution(recording.start_us),
+    ),
 )

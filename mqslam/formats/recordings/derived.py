@@ -125,20 +125,23 @@ class WatchedRecording(Recording):
         inner: the wrapped recording.
         progress: called after each polar scan with the number of polar scans read and the number of all polar scans.
         unmeasured: list of one number: how many of the azimuths read so far are marked as not measured.
+        down: list of one number: how many of the azimuths read so far have a down-chirp besides up-chirps in the same scan.
     """
 
     inner: Recording
     progress: Callable[[int, int], object]
     unmeasured: list[int]
+    down: list[int]
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
             self.unmeasured[0] += int(np.count_nonzero(~polar_scan.valid))
+            self.down[0] += 0 if polar_scan.down is None else len(polar_scan.down.times)
             self.progress(k, len(self))
             yield polar_scan
 
 
 def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
     """Wraps a recording so that it calls `progress(polar scans read, all polar scans)` after each polar scan."""
-    return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], **copy_fields(recording))
+    return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], down=[0], **copy_fields(recording))

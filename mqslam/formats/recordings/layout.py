@@ -125,6 +125,7 @@ class Target:
         truth: whether the layout holds ground truth.
         sensors: whether the layout holds the gyroscope, GNSS fixes and the radar's mount.
         validity: whether the layout can mark an azimuth as not measured.
+        chirps: whether the layout holds down-chirps besides up-chirps.
         range_offset: whether the layout holds the radar's range offset.
         assumed_resolution: returns the length of a range bin [m] that readers will assume for a recording in this layout;
             None if the layout states this length.
@@ -139,6 +140,7 @@ class Target:
     truth: bool = True
     sensors: bool = False
     validity: bool = True
+    chirps: bool = False
     range_offset: bool = False
     assumed_resolution: Callable[[Recording], float] | None = None
     message: Message = "image"

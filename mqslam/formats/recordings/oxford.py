@@ -267,4 +267,4 @@ def _format_moves(truth: Trajectory) -> str:
     return "\n".join(lines) + "\n"
 
 
-TARGETS = (Target("oxford", write, odometry=True, sensors=True, range_offset=True),)
+TARGETS = (Target("oxford", write, odometry=True, sensors=True, chirps=True, range_offset=True),)

@@ -8,7 +8,8 @@ from support.layouts import assert_alike, assert_turns_left, left_turn, write_bo
 from support.recordings import oxford_rows, with_metadata, write_oxford, write_png
 
 from mqslam.errors import DataError
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.conversion import write_recording
+from mqslam.formats.recordings import list_targets, open_recording
 from mqslam.formats.recordings.boreas import UPGRADE_US
 
 AZIMUTHS = left_turn().sensor.azimuths
@@ -113,6 +114,16 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.diff(kept.times), np.diff(whole.times[up]), atol=1.1e-6)
     into = recording[3].times - recording.start_times[3]
     np.testing.assert_allclose(into, left_turn()[3].times[up] - 0.75 - 0.00625, atol=2e-6)
+
+
+def test_a_conversion_keeps_falling_chirps_or_says_that_they_are_left_behind(tmp_path: Path) -> None:
+    recording = open_recording(write_boreas(tmp_path / "rt", left_turn(), np.arange(AZIMUTHS) % 2 == 1))
+    for number, target in enumerate(list_targets()):
+        out = tmp_path / f"drive{number}{target.suffix}"
+        notes = write_recording(recording, out, target, lambda done, total: None)
+        kept = open_recording(out)[0].down is not None
+        assert any(note.startswith("down-chirps are left behind") for note in notes) != kept
+        assert kept == (target.name in ("oxford", "boreas"))
 
 
 def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> None:
