@@ -77,6 +77,7 @@ RADAR_FRAME, VEHICLE_FRAME = "radar", "base_link"
 """Names of the frames of the radar and of the vehicle in every bag that is written."""
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION, TF_TYPE: "geometry_msgs/TransformStamped[] transforms\n"}
+_INVALID = "a quaternion of zeros, numbers that are not finite, or a place over 1e9 m away"
 _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
 
 
@@ -86,7 +87,7 @@ def explain_packed(path: Path) -> DataError | None:
     if packed is None or not path.is_file():
         return None
     unpack = f"unpack it, for example by '{_UNPACK[packed['how']]}'"
-    if packed["how"].startswith("zst") and packed["what"]:
+    if packed["how"].startswith("zst") and packed["what"] in (".db3", ".mcap"):
         return DataError(
             path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
         )
@@ -278,7 +279,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 def describe_left_out(count: int, which: str) -> list[str]:
     """Returns a list with a note that `count` invalid poses or transforms, called `which`, are left out; empty for 0."""
-    return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or numbers that are not finite"] if count else []
+    return [f"{which} {is_or_are(count)} left out: {_INVALID}"] if count else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,11 +290,13 @@ class Bag:
         writer: the writer of rosbags, for ROS 1 or ROS 2.
         store: the message types that the writer knows.
         is_ros1: whether the writer is for ROS 1.
+        out: where the finished bag will lie, for errors.
     """
 
     writer: Any
     store: Typestore
     is_ros1: bool
+    out: Path
 
     def topic(self, name: str, message_type: str, *, latched: bool = False) -> Connection:
         """Adds a topic and returns its connection; late subscribers of a latched topic still get its last message."""
@@ -320,7 +323,7 @@ class Bag:
         """
         if not 0 <= stamp_us < _LATEST_US:
             raise OutputError(
-                f"{self.writer.path}: stamp {stamp_us} us is outside ROS's clock (1970 to 2038); write .npz or a folder"
+                f"{self.out}: stamp {stamp_us} us is outside ROS's clock (1970 to 2038); write .npz or a folder"
             )
         stamp = self.make("builtin_interfaces/msg/Time", stamp_us // 1_000_000, stamp_us % 1_000_000 * 1000)
         return self.make("std_msgs/msg/Header", *((0, stamp, frame) if self.is_ros1 else (stamp, frame)))
@@ -361,13 +364,13 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
         if KINDS[kind]:
             with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
                 path = Path(folder) / out.name
-                with _start_bag(path, kind) as bag:
+                with _start_bag(path, kind, out) as bag:
                     yield bag
                 (path if path.is_file() else next(path.glob("*.mcap"))).replace(aside)
         else:
             with write_folder_aside(out) as aside:
                 inside = aside / out.name  # ROS 2 names the files in a bag after its folder
-                with _start_bag(inside, kind) as bag:
+                with _start_bag(inside, kind, out) as bag:
                     yield bag
                 for file in list(inside.iterdir()):
                     shutil.move(file, aside)
@@ -377,8 +380,8 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
 
 
 @contextlib.contextmanager
-def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
-    """Yields a new bag at a path where nothing exists yet, and closes the bag when the block ends."""
+def _start_bag(path: Path, kind: str, out: Path) -> Iterator[Bag]:
+    """Yields a new bag at a path where nothing exists yet, and closes the bag when the block ends; errors name `out`."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -392,7 +395,7 @@ def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
     # some ROS 2 distributions that are still in use do not know version 9 of the metadata
     plugin = StoragePlugin.SQLITE3 if kind == "rosbag2" else StoragePlugin.MCAP
     with Writer1(path) if is_ros1 else Writer2(path, version=8, storage_plugin=plugin) as writer:
-        yield Bag(writer, store, is_ros1)
+        yield Bag(writer, store, is_ros1, out)
 
 
 def _make_latched_qos() -> Any:

@@ -160,7 +160,7 @@ class Transforms:
 
     Args:
         links: by child frame, its transforms.
-        left_out: number of transforms that were left out, for a quaternion of zeros or a number that is not finite.
+        left_out: number of transforms that were left out, for a quaternion of zeros, or a number not finite or over 1e9.
         clock: reads the stamps of the transforms.
     """
 

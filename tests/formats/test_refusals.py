@@ -106,7 +106,7 @@ def test_stamps_that_count_from_the_start_of_a_recording_are_kept(tmp_path: Path
 
 @pytest.mark.parametrize("layout", BAGS)
 def test_stamps_outside_the_clock_of_ros_are_refused(tmp_path: Path, layout: str) -> None:
-    with pytest.raises(OutputError, match="is outside ROS's clock"):
+    with pytest.raises(OutputError, match=rf"^{tmp_path}/{layout}(\.bag|\.mcap)?: stamp .* is outside ROS's clock"):
         convert(changed(start_us=2**31 * 1_000_000), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 

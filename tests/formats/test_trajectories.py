@@ -172,7 +172,7 @@ def test_one_of_several_topics_has_to_be_named(arc: Trajectory, tmp_path: Path) 
         read_trajectory(path, topic="/log")
 
 
-def test_poses_of_a_bag_without_a_rotation_are_left_out_and_counted(arc: Trajectory, tmp_path: Path) -> None:
+def test_poses_of_a_bag_without_a_rotation_or_beyond_the_earth_are_left_out_and_counted(arc: Trajectory, tmp_path: Path) -> None:
     path = tmp_path / "drive.bag"
     with bag_writer(path, "ros1") as bag:
         topic = bag.topic("/slam", POSE)
@@ -181,10 +181,13 @@ def test_poses_of_a_bag_without_a_rotation_are_left_out_and_counted(arc: Traject
             if k in (1, 3):
                 turn = message.pose.orientation
                 turn.x = turn.y = turn.z = turn.w = 0.0
+            if k == 4:
+                message.pose.position.x = 2e9
             bag.write(topic, stamp, message)
     track, notes = read_with_notes(path)
-    assert len(track) == len(arc) - 2
-    assert notes == [f"2 of {len(arc)} poses on /slam are left out: a quaternion of zeros, or numbers that are not finite"]
+    assert len(track) == len(arc) - 3
+    why = "a quaternion of zeros, numbers that are not finite, or a place over 1e9 m away"
+    assert notes == [f"3 of {len(arc)} poses on /slam are left out: {why}"]
 
 
 def test_a_bag_without_two_poses_is_refused(tmp_path: Path) -> None:

@@ -169,6 +169,7 @@ def test_two_radars_of_the_same_name_are_to_be_told_apart(tmp_path: Path) -> Non
         ("drive_0.db3.zstd", "is a packed file of a ROS 2 bag; give the bag's folder, with its metadata.yaml, or unpack it"),
         ("drive_0.mcap.zst", "is a packed file of a ROS 2 bag; give the bag's folder, with its metadata.yaml, or unpack it"),
         ("drive.zstd", "is packed; unpack it, for example by 'zstd -d FILE', and give its content"),
+        ("drive.bag.zst", "is packed; unpack it, for example by 'zstd -d FILE', and give its content"),
         ("drive.bag.gz", "is packed; unpack it, for example by 'gunzip FILE', and give its content"),
         ("drive.tar.gz", "is packed; unpack it, for example by 'gunzip FILE', and give its content"),
         ("DRIVE.ZIP", "is packed; unpack it, for example by 'unzip FILE', and give its content"),
