@@ -7,9 +7,10 @@ pixels to these coordinates.
 
 from __future__ import annotations
 
+import contextlib
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from PIL import Image, TiffImagePlugin
@@ -81,7 +82,7 @@ def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.Imag
 
 
 def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> None:
-    """Writes a trajectory as a GeoJSON line with the time of each of its points.
+    """Writes a trajectory as a GeoJSON line with the time of each of its points, if no time is after the year 9999.
 
     Args:
         path: the file.
@@ -92,7 +93,10 @@ def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> No
         OutputError: the file cannot be written.
     """
     degrees = place.locate(trajectory.poses[:, :2]).round(_DIGITS).tolist()
-    times = [(_BEGINNING + timedelta(microseconds=stamp)).isoformat() for stamp in trajectory.stamps_us.tolist()]
+    properties: dict[str, Any] = {"name": "trajectory"}
+    with contextlib.suppress(OverflowError):  # ISO 8601 writes years in four digits
+        times = [(_BEGINNING + timedelta(microseconds=stamp)).isoformat() for stamp in trajectory.stamps_us.tolist()]
+        properties["coordTimes"] = times
     line = {"type": "LineString", "coordinates": [[longitude, latitude] for latitude, longitude in degrees]}
-    feature = {"type": "Feature", "geometry": line, "properties": {"name": "trajectory", "coordTimes": times}}
+    feature = {"type": "Feature", "geometry": line, "properties": properties}
     write_json(path, {"type": "FeatureCollection", "features": [feature]})

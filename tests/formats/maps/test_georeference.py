@@ -48,6 +48,13 @@ def test_a_trajectory_is_a_line_of_longitudes_and_latitudes(tmp_path: Path) -> N
     assert feature["properties"]["coordTimes"] == ["2023-11-14T22:13:20+00:00", "2023-11-14T22:13:20.250000+00:00"]
 
 
+def test_a_trajectory_after_the_year_9999_has_no_times(tmp_path: Path) -> None:
+    late = Trajectory(np.array([2**62 - 1, 2**62]), np.zeros((2, 3)))
+    write_geojson(tmp_path / "trajectory.geojson", late, PLACE)
+    (feature,) = json.loads((tmp_path / "trajectory.geojson").read_text())["features"]
+    assert len(feature["geometry"]["coordinates"]) == 2 and feature["properties"] == {"name": "trajectory"}
+
+
 def test_a_nav2_map_states_where_its_origin_lies(tmp_path: Path) -> None:
     write_nav2_map(tmp_path, make_grid(), PLACE)
     stated = yaml.safe_load((tmp_path / "map.yaml").read_text())["georeference"]
