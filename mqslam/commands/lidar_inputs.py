@@ -47,7 +47,7 @@ def prepare_lidar(
 
     Raises:
         ConfigError: an input is given that only radars use.
-        DataError: the file of odometry cannot be read or does not cover the recording.
+        DataError: the file of odometry cannot be read or does not cover the recording, or no scan has a return.
     """
     given = {
         "readings of a gyroscope": inputs.imu not in _OFF,

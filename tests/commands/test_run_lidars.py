@@ -16,7 +16,7 @@ from support.rooms import slip, write_bag, write_carmen
 import mqslam
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, DataError
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum
 
@@ -133,3 +133,15 @@ def test_what_a_lidars_run_cannot_use_is_refused_by_name(tmp_path: Path, given: 
     write_carmen(tmp_path / "rooms.log")
     with pytest.raises(ConfigError, match=named):
         mqslam.run(tmp_path / "rooms.log", tmp_path / "out", **given)
+
+
+def test_a_stretch_in_which_a_lidar_sees_nothing_is_refused(tmp_path: Path) -> None:
+    log, rng = tmp_path / "hall.log", np.random.default_rng(0)
+    scans = [rng.uniform(3.0, 8.0, 180) if k < 20 else np.full(180, 81.83) for k in range(40)]  # 81.83 m: no return
+    words = [" ".join(f"{metres:.2f}" for metres in scan) for scan in scans]
+    poses = [f"{0.1 * k} 0 0 {0.1 * k} 0 0 {0.2 * k + 1000.0} host 0" for k in range(40)]
+    log.write_text("".join(f"FLASER 180 {scan} {pose}\n" for scan, pose in zip(words, poses, strict=True)))
+    for command in (mqslam.run, mqslam.compare):
+        with pytest.raises(DataError, match=r"hall\.log: holds no return in 15 scans; give a recording, or a stretch of it"):
+            command(log, tmp_path / "out", start_s=5.0)
+    assert not (tmp_path / "out").exists()
