@@ -8,8 +8,6 @@ from typing import Any
 from mqslam.cli.options import Options, argument, command, flag, option
 from mqslam.cli.terminal import Terminal
 
-_MOVERS = {"street": 6, "yard": 6, "corridor": 0, "tunnel": 0}
-"""Default number of moving vehicles by scene; for other scenes the simulator chooses the number."""
 _OWN: Options = {
     "out": argument(Path, ..., "OUT", "Folder for the recording; it must not exist yet."),
     "scene": option(str, "street", "The scene: street, yard, corridor, tunnel or city."),
@@ -63,7 +61,7 @@ _OWN: Options = {
 
 
 @command(f"{' '.join(_OWN)} jobs quiet verbose", _OWN)
-def simulate(terminal: Terminal, *, out: Path, scene: str, movers: int | None, **given: Any) -> None:
+def simulate(terminal: Terminal, *, out: Path, **given: Any) -> None:
     """Simulate a drive of a spinning radar through a scene, and write it as a recording in the Oxford layout.
 
     The recording also holds ground truth, odometry of wheels that slip, a gyroscope and GNSS.
@@ -81,9 +79,7 @@ def simulate(terminal: Terminal, *, out: Path, scene: str, movers: int | None, *
     with terminal.show_progress() as show:
         write(
             out,
-            scene=scene,
             sensor=SensorModel(**radar),
-            movers=_MOVERS.get(scene) if movers is None else movers,
             jobs=terminal.jobs,
             progress=lambda done, total: show("simulate", done, total),
             **given,

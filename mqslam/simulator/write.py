@@ -28,6 +28,7 @@ SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X with longer range bins and a shorter range than the real one, so that its recordings stay small."""
+_MOVERS = 6  # usual number of vehicles in the street and in the yard
 _MOST_LATE_S = 10.0  # larger delays are mistakes: no software takes longer to stamp a reading
 _LONGEST_S = 7 * 24 * 3600.0  # limits the disk space, far beyond any use
 
@@ -59,7 +60,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: seed of the scene and of all noise.
-        movers: number of moving vehicles; None takes the scene's usual number.
+        movers: number of moving vehicles in the scene's lanes; None takes the scene's usual number: 6, none in the corridor and the
+            tunnel, one for every 125 m of lane in the city.
         world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical part) or `none` (no gyroscope).
         imu_rate_hz: readings of the gyroscope per second.
@@ -135,14 +137,15 @@ def _make_scene(scene: str, seed: int, duration_s: float, movers: int | None) ->
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
     if not 0.0 < duration_s <= _LONGEST_S:
         raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0 and at most {_LONGEST_S:.0f}, a week")
+    usual = _MOVERS if movers is None else movers
     if scene == "street":
         drive = make_loop_drive(duration_s)
-        return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
+        return clear_way(make_street_scene(seed, movers=usual), drive, duration_s), drive
     if scene == "city":
         drive = make_city_drive(seed, duration_s)
         return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
-        return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
+        return make_yard_scene(seed, movers=usual), ConstantDrive(1.0, -0.192)
     if scene in ("corridor", "tunnel"):
         if movers:
             raise ConfigError(f"simulator: nothing moves in the {scene}; leave movers out")

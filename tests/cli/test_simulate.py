@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from support.commands import mqslam, read_contents
 
+from mqslam.simulator import SensorModel, simulate
+
 SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "--max-range", "60", "--quiet"]
 
 
@@ -59,6 +61,13 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert mqslam("simulate", tmp_path / name, *SMALL, *words).code == 0
     one, two, three = (read_contents(tmp_path / name) for name in ("one", "two", "three"))
     assert one == two != three
+
+
+@pytest.mark.parametrize("scene", ["street", "yard", "tunnel"])
+def test_a_scene_has_as_many_movers_as_in_python(tmp_path: Path, scene: str) -> None:
+    assert mqslam("simulate", tmp_path / "drive", *SMALL, "--scene", scene).code == 0
+    simulate(tmp_path / "python", scene=scene, duration_s=1.5, sensor=SensorModel(4.0, 90, 0.5, 60.0))
+    assert read_contents(tmp_path / "drive") == read_contents(tmp_path / "python")
 
 
 def test_progress_and_the_place_are_told_unless_quiet(tmp_path: Path) -> None:
