@@ -156,7 +156,8 @@ def detect_all(
     fixed = find_fixed(take_in())
     if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
-        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
+        problem = f"{first.problem}; {len(unread)} of {total} polar scans cannot be used"
+        raise DataError(first.path, problem, first.remedy)
     scans = store.close(np.column_stack([recording.start_times, recording.end_times]))
     if fixed is not None:
         rest = ScanStore()

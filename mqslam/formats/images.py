@@ -128,7 +128,7 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
             errors.append(error)
         if 2 * len(errors) > len(names) - 1:
             first = errors[0]
-            several = f", like at least {len(errors)} of the {len(names)} polar scans" if errors[1:] else ""
+            several = f"; at least {len(errors)} of {len(names)} polar scans cannot be used" if errors[1:] else ""
             raise DataError(first.path, f"{first.problem}{several}", first.remedy)
     if not errors:
         return content, 0, []
