@@ -45,8 +45,8 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
         path: the file.
         pointmap: the points, with times since the recording's start.
         clock: relation of the times to the stamps of the run's trajectory. The times are then written in the clock of these
-            stamps, and a comment in the file says so; another one marks the map of a lidar. None writes the times as they are, and no
-            comment.
+            stamps, and a comment in the file says so; another comment marks the map of a lidar. None writes the times as
+            they are, and no comment.
 
     Raises:
         OutputError: the file cannot be written.
