@@ -162,7 +162,7 @@ class Slam:
             graph, optimum = problem.optimise(refined.loops, refined.ties)
             poses = poses_of(optimum.values, graph.size)
             covariances = compute_all_marginals(graph, optimum.values)
-            with runner.tolerate("the share that each sensor contributes"):
+            with runner.tolerate("the measurement of what each sensor contributes"):
                 used = used.weigh(problem, refined, poses)
         runner.warnings += [*used.refusals, *search.warnings, *optimum.warnings, *covariances.warnings]
         return Solution(

@@ -57,4 +57,4 @@ def test_a_watch_that_fails_is_asked_no_more_and_the_run_goes_on() -> None:
     run = Slam(Config(), "odometry", Runner(watch=closed)).run(recording, recording.ground_truth)
     assert len(asked) == 3 and len(run.optimised) == len(recording) > 5
     (warning,) = run.warnings
-    assert warning.startswith("the live view could not be made (ConnectionError: the viewer was closed)")
+    assert warning.startswith("the live view could not be completed (ConnectionError: the viewer was closed)")

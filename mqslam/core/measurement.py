@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.wording import count_of
 
 
 class Status(StrEnum):
@@ -127,7 +128,7 @@ class LoopSearch:
             "the search for loops cannot cover the uncertainty of the trajectory": self.unsure,
         }
         return [
-            f"loops: {count} pairs of passes were left out, because {why}"
+            f"loops: {count_of(count, 'pair')} of passes {'was' if count == 1 else 'were'} left out, because {why}"
             for why, count in left_out.items()
             if count > len(self.loops)
         ]

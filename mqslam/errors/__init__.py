@@ -266,7 +266,7 @@ def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = No
     """Turns an error of the block into a warning, so that the other results are not lost.
 
     Args:
-        what: name of the result that the block makes, for the warning.
+        what: name of the result that the block makes, or of the work that it does, for the warning.
         warnings: the list that the warning is added to.
         crashes: receives the error message under the name `what`; None keeps no messages.
 
@@ -280,7 +280,7 @@ def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = No
         raise
     except Exception as error:  # a figure, a library or a check of the map may fail in any way
         raise_interrupt(error)
-        _log.info("%s could not be made", what, exc_info=error)
-        warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are complete")
+        _log.info("%s could not be completed", what, exc_info=error)
+        warnings.append(f"{what} could not be completed ({describe_error(error)}); the other results are complete")
         if crashes is not None:
             crashes[what] = describe_error(error)

@@ -61,7 +61,7 @@ def check_file(path: Path) -> Path:
     except OSError:
         return path
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        kind = next((kind for is_kind, kind in _KINDS.items() if is_kind(mode)), "no regular file")
+        kind = next((kind for is_kind, kind in _KINDS.items() if is_kind(mode)), "of an unknown kind")
         raise DataError(path, f"is {kind}, not a file", "copy its content into a file")
     return path
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 
 _FARTHEST = 1e9  # no coordinate of any frame on the Earth is larger [m]
@@ -52,7 +53,7 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
         DataError: there are fewer than two poses, a pose is not finite or too far away, or the stamps do not increase.
     """
     if len(stamps_us) < 2:
-        raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs at least two poses")
+        raise DataError(path, f"holds {count_of(len(stamps_us), 'pose')}", "a trajectory needs at least two poses")
     if np.any(np.diff(stamps_us) <= 0):
         row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")

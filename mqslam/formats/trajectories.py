@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats import bags
@@ -312,7 +313,8 @@ def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]
         raise DataError(path, f"is {what}, which holds no stamps", "give the file of its times, one per line")
     stamps = _read_first_words(times)
     if len(stamps) != count:
-        raise DataError(times, f"holds {len(stamps)} stamps for the {count} poses of {path.name}", "give one per pose")
+        held = f"{count_of(len(stamps), 'stamp')} for the {count_of(count, 'pose')}"
+        raise DataError(times, f"holds {held} of {path.name}", "give one per pose")
     return stamps
 
 

@@ -131,7 +131,7 @@ def test_odometry_alone_leaves_its_trajectory_where_there_are_no_returns(tmp_pat
     arguments = no_returns_but_odometry(tmp_path)
     shown = mqslam("run", *arguments, "--out", tmp_path / "out")
     assert shown.code == 0 and "verdict: not judged" in shown.out
-    assert "warning: the map could not be made (no returns in" in shown.err
+    assert "warning: the map could not be completed (no returns in" in shown.err
     assert (tmp_path / "out" / "trajectory.tum").is_file()
 
 

@@ -78,7 +78,7 @@ def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, mo
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum", "keyframes"}
     lost = ("covariances.csv", "graph.g2o", "map.ply", "map.pgm", "report.html")
-    said = (f"{name} could not be made (MemoryError); the other results are complete" for name in lost)
+    said = (f"{name} could not be completed (MemoryError); the other results are complete" for name in lost)
     assert_said(shown, tmp_path / "out", *said)
 
 
@@ -96,10 +96,10 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     assert_said(
         shown,
         out,
-        f"the search for loops could not be made (ValueError: by nothing){whole}",
-        f"the map before optimisation could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
-        f"the map could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
-        f"the check of the map could not be made (LinAlgError: Singular matrix){whole}",
+        f"the search for loops could not be completed (ValueError: by nothing){whole}",
+        f"the map before optimisation could not be completed (MemoryError: Unable to allocate 40 GiB){whole}",
+        f"the map could not be completed (MemoryError: Unable to allocate 40 GiB){whole}",
+        f"the check of the map could not be completed (LinAlgError: Singular matrix){whole}",
     )
     summary = summary_of(out)
     assert summary["psi"]["per_point_optimised"] is None and summary["inflation"]["median"] is None
@@ -244,7 +244,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     names += " audit.json audit.md junit.xml"
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(names.split())
     said = [
-        f"{name} could not be made (ValueError: by nothing); the other results are complete"
+        f"{name} could not be completed (ValueError: by nothing); the other results are complete"
         for name in ("heatmap.png", "report.html")
     ]
     assert summary_of(tmp_path / "out", "audit.json")["warnings"] == said
@@ -283,7 +283,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     assert rows["first"]["windows_torn"] == 0.0 and rows["first"]["windows_torn_at_most"] > 0.5
     assert [w for w in summary["warnings"] if w.startswith(("overlay.png could not", "report.html could not"))]
     assert "could not run: the judgement of its map" in shown.out and "not judged" in shown.out
-    assert "note: report.html could not be made" in shown.err
+    assert "note: report.html could not be completed" in shown.err
 
 
 def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -299,12 +299,13 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     written = summary_of(tmp_path, "batch.json")
     assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
     assert written["runs"][0]["psi_per_point"] is None
-    assert written["warnings"][0].startswith("the picture of damaged could not be made (") and len(written["warnings"]) == 1
+    (warning,) = written["warnings"]
+    assert warning.startswith("the picture of damaged could not be completed (")
     page = (tmp_path / "report.html").read_text()
     assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
     for status, count in (("pass", 0), ("warn", 0), ("fail", 0), ("not judged", 2)):
         assert f'<th scope="row">{status}</th><td>{count}</td>' in page
     monkeypatch.setattr("mqslam.report.page._environment", failing(ValueError("by nothing")))
     add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
-    said = "report.html could not be made (ValueError: by nothing); the other results are complete"
+    said = "report.html could not be completed (ValueError: by nothing); the other results are complete"
     assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said

@@ -130,7 +130,7 @@ def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, m
     monkeypatch.setattr("mqslam.report.page._environment", fail)
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0
-    assert "warning: report.html could not be made (MemoryError); the other results are complete" in shown.err
+    assert "warning: report.html could not be completed (MemoryError); the other results are complete" in shown.err
     assert (tmp_path / "out" / "trajectory.tum").is_file() and not (tmp_path / "out" / "report.html").exists()
 
 

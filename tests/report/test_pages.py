@@ -82,7 +82,7 @@ def test_a_part_that_cannot_be_made_costs_no_other_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, broken: str, lost: str, kept: tuple[str, ...]
 ) -> None:
     monkeypatch.setattr(f"mqslam.report.{broken}", lambda *_, **__: 1 / 0)
-    failure = f"{lost} could not be made (ZeroDivisionError: division by zero); the other results are complete"
+    failure = f"{lost} could not be completed (ZeroDivisionError: division by zero); the other results are complete"
     assert WRITERS[name](tmp_path) == [failure]
     text = text_of(tmp_path)
     assert text.count(failure) == 2  # among the warnings, and in the part's place

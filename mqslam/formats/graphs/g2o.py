@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.text import read_lines, read_text
 
@@ -225,7 +226,8 @@ def _parse_lines(
         else:
             poses[ends[0]] = numbers
     if not poses or not edges:
-        raise DataError(path, f"holds {len(poses)} poses and {len(edges)} edges, but a graph needs both", _REMEDY)
+        found = f"{count_of(len(poses), 'pose')} and {count_of(len(edges), 'edge')}"
+        raise DataError(path, f"holds {found}, but a graph needs both", _REMEDY)
     for line, (a, b), _ in edges:
         if a == b or not {a, b} <= poses.keys():
             missing = min({a, b} - poses.keys(), default=a)

@@ -107,7 +107,8 @@ def _choose_scans(
     rows = np.flatnonzero(mark_increasing(stamps.tolist())).tolist()
     if len(rows) < 2:
         there = ", ".join(f"{count} {name}" for name, count in log.messages.most_common(8)) or "none"
-        problem = f"holds {len(rows)} scans with increasing stamps, but two are needed (messages: {there[:200]})"
+        held = count_of(len(rows), "scan")
+        problem = f"holds {held} with increasing stamps, but two are needed (messages: {there[:200]})"
         raise DataError(path, problem, "give a CARMEN log with FLASER or ROBOTLASER1 lines")
     if dropped := len(log.scans[kind]) - len(rows):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")

@@ -64,7 +64,8 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
     kept = mark_increasing(stamps.tolist())
     stamps, counts = stamps[kept], counts[kept]
     if len(stamps) < 2:
-        raise DataError(path, f"holds {len(stamps)} readings of a wheel encoder; two or more are needed", _REMEDY)
+        readings = count_of(len(stamps), "reading")
+        raise DataError(path, f"holds {readings} of a wheel encoder; two or more are needed", _REMEDY)
     first, last = int(stamps[0]), int(stamps[-1])
     if last < radar.start_us or first > radar.end_us:
         late_s = find_offset(first, last, radar.start_us, radar.end_us)

@@ -116,7 +116,7 @@ def test_a_line_that_cannot_be_meant_is_named(tmp_path: Path, line: str, message
     ("text", "message"),
     [
         ("", "holds 0 poses and 0 edges, but a graph needs both; give a graph of VERTEX_SE2"),
-        ("VERTEX_SE2 0 0 0 0\n", "holds 1 poses and 0"),
+        ("VERTEX_SE2 0 0 0 0\n", "holds 1 pose and 0 edges"),
     ],
 )
 def test_a_file_without_a_graph_is_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -209,7 +209,7 @@ def test_compressed_logs_are_read_whatever_they_are_called(tmp_path: Path) -> No
     [
         ("", r"holds 0 scans .*messages: none"),
         ("ODOM 0 0 0 0 0 0 1 host 1\n", r"holds 0 scans .*messages: 1 ODOM"),
-        (two_scans(2.0).split("\n")[0] + "\n", "holds 1 scans"),
+        (two_scans(2.0).split("\n")[0] + "\n", "holds 1 scan with"),
         ("FLASER 180 1 2 3\n", "line 1 is not a complete FLASER message"),
         ("FLASER 99999999999 1 2 3\n", "line 1 is not a complete FLASER message"),
         ("FLASER -3 1 2 3 4 5 6 7 8 9 10\n", "line 1 is not a complete FLASER message"),

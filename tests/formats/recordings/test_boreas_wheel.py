@@ -107,7 +107,7 @@ def test_damaged_counts_are_refused_and_rows_without_a_count_are_left_out(boreas
     assert_rolls(recording.odometry)
     assert recording.faults == (f"{file}: 1 row left out: no count, or no later stamp than the row before",)
     write_lines(file, header, rows[0])
-    assert "holds 1 readings" in why_not(open_recording(boreas))
+    assert "holds 1 reading of" in why_not(open_recording(boreas))
 
 
 def test_gaps_that_the_odometry_bridges_are_named(boreas: Path) -> None:
