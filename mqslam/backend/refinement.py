@@ -194,7 +194,7 @@ def refine(
         left = drop_replaced(loops, ties, drive.travelled)
         poses = problem.solve_poses(left, ties)
         psi = psi_under(poses)
-        _log.info("round %d registers %d scans on earlier passes: psi across passes %s", number, len(ties), psi)
+        _log.info("round %d registers %d scans on earlier passes: psi across passes %s", number + 1, len(ties), psi)
         if psi is None or best.psi_across is None or psi > best.psi_across:
             best = replace(best, refused=number == 0)
             break

@@ -335,7 +335,9 @@ class LoopCloser:
         self._decided: set[tuple[int, int]] = set()
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
-        self._recognised = self._alike = self._elsewhere = 0  # counts of pairs and scans in the recognition of places
+        self._recognised = 0  # number of pairs that the recognition of places has compared
+        self._alike: set[int] = set()  # the scans whose submaps match several places
+        self._elsewhere: set[tuple[int, int]] = set()  # the recognised pairs that the trajectory rules out
 
     def look_around(self, *, asking: bool = False) -> bool:
         """Searches for loops around the trajectory, in rounds.
@@ -390,14 +392,15 @@ class LoopCloser:
             if compute_chi_square(relative, as_relative(loop)) <= LARGEST_CHI_SQUARE
         ]
         self._recognised += found.compared
-        self._alike, self._elsewhere = len(found.ambiguous), len(widened) - len(plausible)
+        self._alike |= set(found.ambiguous)
+        self._elsewhere |= set(ends) - {(loop.earlier, loop.later) for loop in plausible}
         kept = keep_consistent(plausible, chain, passes.LEAST_PATH_M)
         del chain
         before = {(loop.earlier, loop.later) for loop in self.loops}
         self.join([loop for loop in kept if (loop.earlier, loop.later) not in before])
         added = {(loop.earlier, loop.later) for loop in self.loops} - before
         self._decided |= added
-        _log.info("recognition of places adds %d loops; %d submaps match several places", len(added), self._alike)
+        _log.info("recognition of places adds %d loops; %d submaps match several places", len(added), len(found.ambiguous))
         return bool(added)
 
     def start_from(self, first: Sequence[Loop]) -> None:
@@ -414,7 +417,7 @@ class LoopCloser:
 
     def conclude(self) -> LoopSearch:
         """Returns the loops that were kept, and the counts of compared and rejected pairs of scans."""
-        ambiguous, implausible = self._ambiguous + self._alike, len(self._implausible) + self._elsewhere
+        ambiguous, implausible = self._ambiguous + len(self._alike), len(self._implausible | self._elsewhere)
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
         _log.info("%d pairs match at several places, %d only where the trajectory rules it out", ambiguous, implausible)

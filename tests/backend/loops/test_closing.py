@@ -9,8 +9,10 @@ import pytest
 from support.chains import fenced_street
 from support.passes import BEAM, CONFIG, joined
 
-from mqslam.backend.loops import passes
+from mqslam.backend.loops import closing, passes
 from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.loops.passes import TrackedRun
+from mqslam.backend.loops.recognition import Recognition
 from mqslam.backend.problem import Problem
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
@@ -28,8 +30,8 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def closed(period_m: float, between_passes_m: float) -> LoopSearch:
-    """Returns the loops of two passes over a street; the motion between the passes is 6 m wrong, and as sure as asked."""
+def drifted(period_m: float, between_passes_m: float) -> tuple[Scans, Problem]:
+    """Returns two passes over a street; the motion between the passes is 6 m wrong, and as sure as asked."""
     first, second = fenced_street(period_m, 1), fenced_street(period_m, 2)
     drive = joined(first, second, second.poses + np.array([OFF_M, 0.0, 0.0]))
     measurements = []
@@ -37,8 +39,12 @@ def closed(period_m: float, between_passes_m: float) -> LoopSearch:
         sigma_m = between_passes_m if k == len(first.times) - 1 else 0.02
         covariance = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2])
         measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
-    problem = Problem(measurements, [])
-    scans = Scans(tuple(drive.scans), 0, 0.25)
+    return Scans(tuple(drive.scans), 0, 0.25), Problem(measurements, [])
+
+
+def closed(period_m: float, between_passes_m: float) -> LoopSearch:
+    """Returns the loops of the passes that `drifted` makes."""
+    scans, problem = drifted(period_m, between_passes_m)
     return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(), recognising=False)
 
 
@@ -81,3 +87,19 @@ def test_passes_that_the_trajectory_does_not_know_well_enough_are_not_compared_a
 def test_a_few_pairs_left_out_beside_many_loops_are_no_warning() -> None:
     loops = [Loop(0, k, np.zeros(3), np.eye(3), 0.8, 0.5) for k in range(100, 110)]
     assert LoopSearch(loops, 20, ambiguous=3, implausible=3, unsure=3).warnings == []
+
+
+def test_every_recognition_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The counts of what recognition compared and could not use are those of all its calls, not of the last one."""
+    answers = iter([Recognition([], [40, 50], 7), Recognition([], [50], 5)])
+    monkeypatch.setattr(closing, "recognise", lambda *arguments: next(answers))
+    scans, problem = drifted(60.0, 20.0)
+    closer = closing.LoopCloser(problem, lambda poses: TrackedRun.of(scans, poses), CONFIG.estimator, BEAM, Runner())
+    assert not closer.look_everywhere() and not closer.look_everywhere()
+    search = closer.conclude()
+    assert (search.tried, search.ambiguous, search.implausible) == (12, 2, 0)
+
+
+def test_one_pair_left_out_is_one_pair() -> None:
+    (warning,) = LoopSearch([], 1, ambiguous=1).warnings
+    assert warning == "loops: 1 pair of passes was left out, because several places fit"
