@@ -33,7 +33,7 @@ _AGAIN = "the same command continues the batch"
 
 
 class PlannedRun(Section):
-    """One entry of RUNS.yaml; paths are relative to the folder of RUNS.yaml, except the path of a front end's file."""
+    """One entry of RUNS.yaml; paths are relative to the folder of RUNS.yaml."""
 
     data: Path = Field(description="the recording")
     name: str | None = Field(
@@ -41,7 +41,7 @@ class PlannedRun(Section):
         description="folder of its results; null takes the recording's own name, with names of folders above it if several "
         "recordings have the same name",
     )
-    frontend: str = Field("psi", description="name of the front end")
+    frontend: str = Field("psi", description="name of the front end, or a Python file that defines one")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
     gnss: str = Field("auto", description="GNSS fixes: auto (unless the ground truth was made from them), none, or a file")
@@ -120,7 +120,8 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
         raise ConfigError(f"name {name!r}: cannot be the name of a folder; choose a name of letters and digits")
     if name in taken:
         raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
-    frontends.require(run.frontend)
+    frontend = str(folder / run.frontend) if frontends.is_file(run.frontend) else run.frontend
+    frontends.require(frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     if run.extrinsics not in _CHOICES:
         read_extrinsics(run.extrinsics)
@@ -130,7 +131,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
     settings, span = change_config(load_config(config), _nest(run.set)), (run.start, run.end)
     if not (-math.inf if run.start is None else run.start) < (math.inf if run.end is None else run.end):
         raise ConfigError(f"start {run.start} and end {run.end}: the end must be later than the start; give both in seconds")
-    return Order(name, data, run.frontend, settings, odometry, imu, gnss, run.extrinsics, run.frame, span)
+    return Order(name, data, frontend, settings, odometry, imu, gnss, run.extrinsics, run.frame, span)
 
 
 def _nest(changes: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

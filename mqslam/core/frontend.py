@@ -171,10 +171,13 @@ def load(name: str) -> type[FrontEnd]:
         ConfigError: no front end has that name, or it cannot be imported.
     """
     with blame(f"front end {name}", NO_IMPORT, ConfigError):
-        front_end: type[FrontEnd] = (
-            _load_file(Path(name).resolve()) if name.endswith(_FILE) else find_entry_point(name).load()
-        )
+        front_end: type[FrontEnd] = _load_file(Path(name).resolve()) if is_file(name) else find_entry_point(name).load()
     return front_end
+
+
+def is_file(name: str) -> bool:
+    """Returns whether the name of a front end is the path of a Python file that defines one."""
+    return name.endswith(_FILE)
 
 
 def require(name: str) -> None:
@@ -185,7 +188,7 @@ def require(name: str) -> None:
     """
     expected = "a text: the name of a front end, such as psi, or the path of a Python file that defines one"
     require_type(name, str, "frontend", expected)
-    if not name.endswith(_FILE):
+    if not is_file(name):
         find_entry_point(name)
     elif not Path(name).is_file():
         raise ConfigError(f"front end {name}: there is no such file; check the path")

@@ -15,6 +15,7 @@ from support.commands import INSTALLED, Result, list_processes, mqslam, read_con
 
 from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
+from mqslam.errors import ConfigError
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import SensorModel, simulate
 
@@ -92,6 +93,16 @@ def test_recordings_of_one_name_are_named_after_their_folders_too(tmp_path: Path
     (tmp_path / "runs.yaml").write_text(json.dumps({"runs": [*named, {"data": "drive", "name": "again"}]}))
     names = [order.name for order in read_plan(tmp_path / "runs.yaml")[0]]
     assert names == ["am-drive", "mon-pm-drive", "fri-pm-drive", "other", f"{tmp_path.name}-drive", "again"]
+
+
+def test_the_file_of_a_front_end_lies_beside_the_list(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("class Mine: ...\n")
+    (tmp_path / "runs.yaml").write_text("runs: [{data: drive, frontend: mine.py}, {data: other}]")
+    orders, _ = read_plan(tmp_path / "runs.yaml")
+    assert [order.frontend for order in orders] == [str(tmp_path / "mine.py"), "psi"]
+    (tmp_path / "mine.py").unlink()
+    with pytest.raises(ConfigError, match=r"runs\.0: front end .*mine\.py: there is no such file"):
+        read_plan(tmp_path / "runs.yaml")
 
 
 def test_an_entry_may_take_a_part_of_the_recording_and_set_settings(work: Path, tmp_path: Path) -> None:
