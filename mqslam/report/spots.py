@@ -237,8 +237,9 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
     Returns:
         The cells of each row as text: number and kind, time, position, reason, and which rows of which file to look at.
     """
-    unfit, unsure = (
+    unfit, unusual, unsure = (
         "the scans before and after it do not fit at one place only",
+        "too few steps show how far off a step usually is",
         "its two passes may also fit at another place",
     )
     judged: dict[
@@ -246,7 +247,13 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
     ] = {  # of each item: why nothing was decided (None if decided), begin and end [s], pose
         ("window", "audit.csv"): [(w.undecided, w.t0, w.t1, w.pose) for w in audit.windows],
         ("step", "steps.csv"): [
-            (None if step.judged else unfit, step.t, step.t, sweeps.poses[step.registration.later]) for step in audit.steps
+            (
+                None if step.judged else unusual if step.registration.unrivalled else unfit,
+                step.t,
+                step.t,
+                sweeps.poses[step.registration.later],
+            )
+            for step in audit.steps
         ],
         ("revisit", "revisits.csv"): [
             (None if r.sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])

@@ -74,6 +74,16 @@ def test_revisits_that_are_not_sure_say_in_which_file_to_look() -> None:
     assert what == "1 revisit" and "1.2 s to 13.5 s" in time and look.startswith("revisits.csv")
 
 
+def test_steps_that_fit_are_not_judged_because_there_are_too_few() -> None:
+    fits = Registration(25, 26, np.zeros(3), 1.0, np.zeros(3), np.eye(3), np.zeros(2), 30.0, 0.75, 2.0, 1.0, True, True)
+    steps = [StepAudit(fits, 6.0, float("nan")), StepAudit(replace(fits, unrivalled=False), 7.0, float("nan"))]
+    rows = list_unmatched(WALLS, replace(audit_of([], []), steps=steps))
+    assert [(what, why) for what, _, _, why, _ in rows] == [
+        ("1 step", "too few steps show how far off a step usually is"),
+        ("1 step", "the scans before and after it do not fit at one place only"),
+    ]
+
+
 def test_a_torn_revisit_is_corrected_by_moving_the_later_pass_alone() -> None:
     spot = find_worst_spots(WALLS, judged_walls(WALLS), SETTINGS)[0]
     assert spot.title.startswith("revisit 2.2 s and 12.5 s")
