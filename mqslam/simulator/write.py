@@ -60,8 +60,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: seed of the scene and of all noise.
-        movers: number of moving vehicles in the scene's lanes; None takes the scene's usual number: 6, none in the corridor and the
-            tunnel, one for every 125 m of lane in the city.
+        movers: number of moving vehicles in the scene's lanes; None takes the scene's usual number: 6, none in the corridor
+            and the tunnel, one for every 125 m of lane in the city.
         world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical part) or `none` (no gyroscope).
         imu_rate_hz: readings of the gyroscope per second.
