@@ -199,16 +199,7 @@ class LidarRecording(Recording):
         odometry: Trajectory | None,
         notes: tuple[str, ...],
     ) -> Self:
-        """Makes a recording from its scans, with the durations that follow from their stamps.
-
-        Args:
-            path: the recording.
-            format: name of its layout: carmen or laserscan.
-            scans: the scans.
-            trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-            odometry: dead-reckoned poses of the sensor that the recording contains, or None.
-            notes: what a user should know about how the recording was understood.
-        """
+        """Makes a recording from its scans, with the durations that follow from their stamps, and the fields given."""
         turns_us = _measure_turns(scans)
         return cls(path, format, scans.stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
 

@@ -63,12 +63,7 @@ class Returns:
     @classmethod
     def concatenate(cls, parts: Sequence[Returns]) -> Returns:
         """Joins the returns of several parts, in the order of the parts."""
-        return cls(
-            np.concatenate([p.ranges for p in parts]),
-            np.concatenate([p.azimuths for p in parts]),
-            np.concatenate([p.times for p in parts]),
-            np.concatenate([p.intensities for p in parts]),
-        )
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
 
 @dataclass(frozen=True, slots=True)
