@@ -14,7 +14,6 @@ from mqslam.auditing.mending.along import straighten
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
-from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.range_scale import NOT_OF_RADAR, Joined, RangeScale, join_at_scale
 from mqslam.backend.refinement import refine
@@ -160,7 +159,7 @@ class Slam:
             )
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(refined.loops, refined.ties)
-            poses = poses_of(optimum.values, graph.size)
+            poses = graph.poses_at(optimum.values)
             covariances = compute_all_marginals(graph, optimum.values)
             with runner.tolerate("the measurement of what each sensor contributes"):
                 used = used.weigh(problem, refined, poses)

@@ -124,7 +124,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
         submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.
         measurements: the motions between successive scans.
     """
-    by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)
+    by_ties, by_ends, seen = _sum_spans(submaps, measurements)
     if len(seen) == 0:
         return np.ones(3)
     seen = cut_gross(seen, _DRIFT_GROSS)
@@ -139,9 +139,9 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
 
 
 def _sum_spans(
-    submaps: Submaps, measurements: Sequence[Measurement], length: int
+    submaps: Submaps, measurements: Sequence[Measurement]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compares both directions of time over spans of `length` successive submaps that were tracked in both directions.
+    """Compares both directions of time over spans of _DRIFT_SUBMAPS submaps that were tracked in both directions.
 
     Returns:
         Variances of x, y and yaw [m^2, m^2, rad^2] at the ends of K overlapping spans: (K, 3, 3) expected from the ties,
@@ -155,7 +155,7 @@ def _sum_spans(
     alone = np.concatenate([[0], np.cumsum([not np.isfinite(m.apart[0]) for m in measurements])])
     ties = {tie.earlier: tie.covariance for tie in submaps.ties}
     scans = {placed.later: placed.covariance for placed in submaps.placements}
-    by_ties, by_ends, seen = [], [], []
+    by_ties, by_ends, seen, length = [], [], [], _DRIFT_SUBMAPS
     for begin in range(len(submaps.first_scans) - length):
         first, last = submaps.first_scans[begin], submaps.first_scans[begin + length]
         if alone[last] > alone[first] or any(k not in ties for k in range(begin, begin + length)):

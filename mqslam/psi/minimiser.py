@@ -172,7 +172,7 @@ def minimise(
         scale = annealed_scale(config, step, search.share)
         here = rendered.evaluate(state, scale)
         around, beside = Expansion(here.gradient, here.information, here.curvature), state - prior.mean
-        move, length = choose_move(around, beside, prior.information, STABILISER, search.correlation, tolerances)
+        move, length = choose_move(around, beside, prior.information, search.correlation, tolerances)
         if scale == last:
             settled = length < search.settled
             converged = settled or bool(np.all(np.abs(move) < tolerances))
@@ -258,7 +258,6 @@ def choose_move(
     here: Expansion,
     beside: NDArray[np.float64],
     information: NDArray[np.float64],
-    stabiliser: float,
     correlation: float,
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
@@ -271,7 +270,6 @@ def choose_move(
         here: expansion of the score around the state.
         beside: (Q,) the state minus the prior's mean.
         information: (Q, Q) information of the prior.
-        stabiliser: share of Gauss-Newton's curvature that is added to the curvature.
         correlation: number by which the score is divided before the prior is added.
         tolerances: (Q,) units of the variables.
     """
@@ -282,7 +280,7 @@ def choose_move(
         total = here.gradient[p] / correlation
         for r in range(size):
             total += information[p, r] * beside[r]
-            bent = (here.curvature[p, r] + stabiliser * here.information[p, r]) / correlation + information[p, r]
+            bent = (here.curvature[p, r] + STABILISER * here.information[p, r]) / correlation + information[p, r]
             curvature[p, r] = bent * tolerances[p] * tolerances[r]
         gradient[p] = tolerances[p] * total
     values, vectors = np.linalg.eigh(curvature)

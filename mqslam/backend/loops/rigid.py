@@ -17,7 +17,6 @@ from mqslam.core import se2
 from mqslam.psi.minimiser import (
     CORRELATION,
     SKIN_M,
-    STABILISER,
     STEPS,
     Expansion,
     Minimum,
@@ -76,8 +75,7 @@ def minimise_rigidly(
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
-    damping = STABILISER, CORRELATION
-    state, converged, sums = _descend(start, submap, references, np.array(scales), last, kernel, damping, TOLERANCES)
+    state, converged, sums = _descend(start, submap, references, np.array(scales), last, kernel, TOLERANCES)
     placed = move_rigidly(points, state)
     evaluation = PsiEvaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
     return Minimum(state, evaluation, converged)
@@ -91,7 +89,6 @@ def _descend(
     scales: NDArray[np.float64],
     last: Scale,
     kernel: Kernel,
-    damping: tuple[float, float],
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool, NDArray[np.float64]]:
     """Minimises psi as `minimiser.minimise` does, without a prior.
@@ -103,7 +100,6 @@ def _descend(
         scales: (K, 3) widths of the score in each step, in the order of `Scale`.
         last: the final widths.
         kernel: the parameters of the score besides its widths.
-        damping: `STABILISER` and `CORRELATION`.
         tolerances: (3,) a step at the final widths that is smaller than this in every component ends the search [m, m, rad].
 
     Returns:
@@ -128,7 +124,7 @@ def _descend(
         if ends:
             break
         expansion = expand_rigidly(own, covariances, state[2], sums, scale)
-        move, _ = choose_move(expansion, nothing, free, damping[0], damping[1], tolerances)
+        move, _ = choose_move(expansion, nothing, free, CORRELATION, tolerances)
         if scale == last:
             converged = bool(np.all(np.abs(move) < tolerances))
         state += shorten_step(move, measure_rigid_move(own, state[2], move), scale.s)

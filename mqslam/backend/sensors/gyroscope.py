@@ -340,7 +340,6 @@ class TurnEdges:
         knots: (N,) number of the bias that applies to each turn.
         walks: (K - 1,) standard deviations of the change from each of K biases to the next [rad/s].
         bias, scale_error: starting values of the optimisation [rad/s], [1].
-        sigma_bias, sigma_scale: standard deviations of the priors of bias and scale error [rad/s], [1].
     """
 
     turns: NDArray[np.float64]
@@ -350,8 +349,6 @@ class TurnEdges:
     walks: NDArray[np.float64]
     bias: float
     scale_error: float
-    sigma_bias: float
-    sigma_scale: float
 
     @property
     def count(self) -> int:
@@ -369,7 +366,7 @@ class TurnEdges:
             yield gyroscope_turn(X(k), X(k + 1), C(int(self.knots[k])), turn, (chain[k, 2], chain[k + 1, 2]))
         for j, walk in enumerate(self.walks.tolist()):
             yield bias_walk(C(j), C(j + 1), max(walk, _LEAST_WALK), _CONSTANT)
-        sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([self.sigma_bias, self.sigma_scale]))
+        sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([SIGMA_BIAS, SIGMA_SCALE]))
         yield gtsam.PriorFactorVector(C(0), np.zeros(2), sigmas)
 
     def insert_into(self, values: gtsam.Values) -> None:
@@ -511,6 +508,4 @@ def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
         walks=rotation.noise.walk * np.sqrt(np.diff(middles)),
         bias=rotation.bias,
         scale_error=rotation.scale - 1.0,
-        sigma_bias=SIGMA_BIAS,
-        sigma_scale=SIGMA_SCALE,
     )

@@ -253,7 +253,6 @@ def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measu
         if seen.status is Status.LOST:
             return seen.points >= FEWEST_RETURNS
         off = se2.subtract(seen.pose, motion.pose)
-        off[2] = se2.wrap(off[2])
         beyond = se2.normalise(off[None], (seen.covariance + usual)[None])[0] > _CHANCE
         return seen.status is Status.CONVERGED and bool(beyond)
 
