@@ -97,14 +97,7 @@ def audit(
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """
     from mqslam.commands.audit import audit as do
-    from mqslam.errors import ConfigError
 
-    of_file = ("times", "topic", "frame", "extrinsics")
-    if trajectory is None and (any(given[name] is not None for name in of_file) or given["time_offset_s"] != 0.0):
-        options = "--times, --topic, --frame, --time-offset and --extrinsics"
-        raise ConfigError(f"{options} can be given only together with a trajectory from a file; give --trajectory FILE")
-    if trajectory is None and given["covariances"] is not None:
-        raise ConfigError("--covariances can be given only together with a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     with terminal.open_work() as work:
         result = do(trajectory=trajectory or "recording", heights=heights, work=work, **given)

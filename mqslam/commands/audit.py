@@ -157,9 +157,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
             if isinstance(recording, LidarRecording):
                 settings, source = fit_to_rooms(settings), make_lidar_source(recording)
-                subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
+                subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings)
             else:
-                subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
+                subject = _place_recording(*detect_radar(recording, given, name, settings, work))
         sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
         warnings = subject.warnings
         if mount is not None:
@@ -351,9 +351,7 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
     return _Subject(sweeps, given, settings, data.suffix.lower()[1:], cloud.notes, move)
 
 
-def _place_recording(
-    work: Work, source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()
-) -> _Subject:
+def _place_recording(source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()) -> _Subject:
     """Makes the subject of an audit from a recording, its faults, and the trajectory that places its returns."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
