@@ -12,6 +12,7 @@ from mqslam.cli.terminal import Terminal, echo, format_rows
 
 paper = typer.Typer(cls=Group)
 _TABLE: Options = {
+    "context": (typer.Context, Parameter.empty),
     "seeds": option(int, 3, "Number of seeds; each makes another yard and other noise.", min=1),
     "revolutions": option(int, 4, "Length of a window, in scans.", min=2),
 }
@@ -22,7 +23,7 @@ _FIGURES: Options = {
 
 
 @paper.callback(invoke_without_command=True)
-@command("context seeds revolutions jobs as_json quiet verbose", {"context": (typer.Context, Parameter.empty), **_TABLE})
+@command("context seeds revolutions jobs as_json quiet verbose", _TABLE)
 def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions: int) -> None:
     """Reproduce table I and the scores of figure 2 of the paper; the command `figures` draws figures 2 and 3.
 
@@ -37,22 +38,8 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
 
     Example: mqslam paper --seeds 1
     """
-    if context.invoked_subcommand is None:
-        _print_table(terminal, seeds, revolutions)
-
-
-@paper.command(cls=Command)
-@command("seeds revolutions jobs as_json quiet verbose", _TABLE)
-def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
-    """Print the table and the scores that `mqslam paper` prints.
-
-    Example: mqslam paper table1 --seeds 1
-    """
-    _print_table(terminal, seeds, revolutions)
-
-
-def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
-    """Prints table I, the scores of figure 2, and notes on how far these numbers compare with the paper's numbers."""
+    if context.invoked_subcommand is not None:
+        return
     from mqslam.psi.published import paper as published
 
     with terminal.show_progress() as show:
