@@ -366,11 +366,11 @@ def _style(axes: Axes) -> None:
     axes.yaxis.label.set(color=INK, fontsize=10)
 
 
-def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:
+def make_halo() -> list[AbstractPathEffect]:
     """Returns a white outline for text or lines, which makes them stand out from the map below them."""
     from matplotlib.patheffects import withStroke
 
-    return [withStroke(linewidth=width, foreground="white")]
+    return [withStroke(linewidth=2.5, foreground="white")]
 
 
 def _plot(axes: Axes, curve: Curve, points: Points | None = None) -> None:

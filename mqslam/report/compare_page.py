@@ -29,6 +29,7 @@ from mqslam.report import explorer
 from mqslam.report.canvas import (
     OUTERMOST,
     PATH_SHAPE,
+    SQUARE,
     TRUTH_GREY,
     Chart,
     Curve,
@@ -54,7 +55,6 @@ _CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of th
 _CLOSE_SHARE = 0.25
 _SIDE = 20.0  # side of that picture divided by the distance between the rows
 _ENOUGH = 100_000  # largest number of points of a map from which its extent is computed
-_SQUARE = (1.0, 1.0)  # least and greatest ratio of that picture's height to its width
 
 
 def write_compare_page(
@@ -360,7 +360,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
         apart_m: distance between the rows at the place.
         seen: points and paths of the rows, each (N, 2) x, y [m].
     """
-    whole = find_common_view(seen, _SQUARE, OUTERMOST)
+    whole = find_common_view(seen, SQUARE, OUTERMOST)
     side_m = whole.x1 - whole.x0
     shortest, longest = min(_CLOSE_M, _CLOSE_SHARE * side_m), min(_FAR_M, side_m)
     half = 0.5 * float(np.clip(_SIDE * apart_m, shortest, longest))

@@ -179,17 +179,12 @@ def explore(
     return Explorer((*notes, _USE, *_describe_thinning(layers, kept)), bool(charts), colours, data)
 
 
-def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> Chart:
-    """Returns a chart of the inflation of windows over time: torn windows are red triangles, undecided windows grey squares.
-
-    Args:
-        windows: the windows.
-        name: name of the windows that are neither torn nor undecided.
-    """
+def chart_inflation(windows: Sequence[WindowAudit]) -> Chart:
+    """Returns a chart of the inflation of windows over time: torn windows are red triangles, undecided ones grey squares."""
     kinds = (
-        ([w for w in windows if not w.torn and w.undecided is None], BLUE, name, "o"),
-        ([w for w in windows if w.torn], RED, f"{name}: torn", "^"),
-        ([w for w in windows if w.undecided is not None], GREY, f"{name}: undecided", "s"),
+        ([w for w in windows if not w.torn and w.undecided is None], BLUE, "inflation", "o"),
+        ([w for w in windows if w.torn], RED, "inflation: torn", "^"),
+        ([w for w in windows if w.undecided is not None], GREY, "inflation: undecided", "s"),
     )
     curves = tuple(Curve(title, colour, trace_inflation(some), mark, 4.0) for some, colour, title, mark in kinds if some)
     return Chart("inflation", curves, LEVELS, log=("y",))

@@ -35,17 +35,9 @@ def show(scene: RunScene, colour: str) -> None:
 
 
 def open_window(scene: RunScene, colour: str) -> Any:
-    """Opens a window of Open3D that shows a scene from above and changes its colours by `KEYS`.
+    """Opens a window, an `open3d.visualization.VisualizerWithKeyCallback`, whose keys `KEYS` change the scene's colours.
 
-    Args:
-        scene: the scene.
-        colour: name of the values that colour the points at first: a name in both `KEYS` and `scene.values`.
-
-    Returns:
-        The window, an `open3d.visualization.VisualizerWithKeyCallback`.
-
-    Raises:
-        ViewerError: there is no display, or Open3D cannot use it or cannot be imported.
+    Arguments and errors are those of `show`.
     """
     if not has_display():
         raise ViewerError("there is no display to open a window on", Remedy.OPEN_MAP_ELSEWHERE)
