@@ -21,4 +21,4 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     Raises:
         DataError: the recording cannot be used.
     """
-    return carmen.read_lidar(path, settings) if carmen.recognises(path) else laserscan.read_lidar(path, settings)
+    return carmen.read_lidar(path, settings) if carmen.recognises(path) else laserscan.read_lidar(path)

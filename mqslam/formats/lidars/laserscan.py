@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.wording import count_of
@@ -60,16 +59,12 @@ def holds_scans(reader: AnyReader) -> bool:
     return SCAN_TYPE in kinds and not any(word in topic for topic in topics for word in _OF_RADAR)
 
 
-def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
+def read_lidar(path: Path) -> LidarRecording:
     """Reads the scans of a bag, with its odometry and the poses that some SLAM system published.
 
     Ranges that are infinite, NaN or outside (range_min, range_max) are no returns. Beam k is measured k time increments
     after the header's stamp. If /tf_static, or a transform on /tf that never changes, states the lidar's mount, poses of
     the robot are converted to poses of the lidar.
-
-    Args:
-        path: the bag.
-        settings: not used; bags state the field of view themselves.
 
     Raises:
         DataError: the bag cannot be read, has no topic of scans or several, has fewer than two scans whose stamps increase,
