@@ -19,7 +19,7 @@ The returns of an object shift and fade when the radar looks at it from another 
 point sets are known, a neighbour's kappa and the blur in Sigma_i therefore depend on the likeness of the two directions,
 exp(-(difference / aspect)^2).
 
-The readable twin is `mqslam.psi.published.reference.evaluate_reference`.
+The readable twin is `evaluate_reference` in `tests/support/score_reference.py`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
 q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. If several pairs have
 the least q, the pair with the smallest distance counts as the best, and among equal distances the pair with the smallest
-index j. `mqslam.psi.published.reference` holds a readable version of this module.
+index j. `tests/support/score_reference.py` holds a readable version of this module.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
 from bench.commands import FRONT_ENDS, OURS, register
 from bench.recordings import MQSLAM, ROOT, simulate_short_city
 from bench.timing import spend, time_in_turn
+from support.score_reference import score_reference
 
 from mqslam.cli import app
 from mqslam.config import Config, DetectorConfig, PsiConfig
@@ -31,7 +32,6 @@ from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet, beam_of
 from mqslam.psi.published.equations import score
-from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import Window
 
 _SEED = 11  # of a city of a minute

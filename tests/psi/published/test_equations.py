@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, Cloud, cloud, selection, with_duplicates
+from support.score_reference import score_reference
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
@@ -15,7 +16,6 @@ from mqslam.core.scans import Returns
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import Beam, place
 from mqslam.psi.published.equations import PsiScore, score
-from mqslam.psi.published.reference import score_reference
 
 VARIANTS = [
     PsiConfig(temporal=temporal, numerator=numerator, factor=factor, beta_t=0.15, unmatched=unmatched)

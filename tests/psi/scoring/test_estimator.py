@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
+from support.score_reference import evaluate_reference
 
 from mqslam.psi.neighbours import find_candidates, list_near, sort_into_cells
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.reference import evaluate_reference
 from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate, make_references
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
