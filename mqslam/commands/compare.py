@@ -14,7 +14,7 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows
 from mqslam.comparison.judgement import take_common_scans
 from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_row
-from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_values
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_tolerance, set_values
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.recording import LidarRecording, Recording
@@ -96,7 +96,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     if isinstance(frontends, str):
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     require_type(frontends, Sequence, "frontends", "a list of names, or a text of names separated by commas")
-    settings = _set_kiss_config(load_config(config), kiss_config)
+    settings = set_tolerance(_set_kiss_config(load_config(config), kiss_config), tolerance)
     _check_names(frontends, odometry_only=odometry_only)
     require_type(trajectories, Mapping | None, "trajectories", "a dict of trajectories by the names of their rows")
     given, understood = _make_given_rows(trajectories or {}, frontends)

@@ -109,6 +109,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("compare STREET --out out --frontends psi,psi", "each name once", {}),
     ("compare STREET --out out --frontends psi+gps", "+gyro is the only sensor that can be added; name psi or psi+gyro", {}),
     ("compare STREET --out out --frontends psi+gyro --imu none", "is switched off; give --imu auto", {}),
+    ("compare STREET --out out --tolerance 0", "a tolerance of 0 m is not a length above 0", {}),
     ("compare STREET --out out --trajectory mine", "give NAME=FILE", {}),
     ("compare STREET --out out --trajectory ../mine=a.tum", "cannot be the name of a folder", {"a.tum": ""}),
     ("compare STREET --out out --trajectory psi=a.tum", "there is a row psi already", {}),
