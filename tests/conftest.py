@@ -23,7 +23,7 @@ from support.recordings import write_oxford
 
 from mqslam.detection import stage as detection
 from mqslam.report import canvas
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 REPORTS = Path(__file__).parent / "report"
 
@@ -76,3 +76,17 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("street") / "drive"
     simulate(out, scene="street", duration_s=12.0, movers=3, seed=1)
     return out
+
+
+@pytest.fixture(scope="module")
+def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A coarse recording of a bit more than one round of a block, with loops to be found, and settings that suit it."""
+    folder = tmp_path_factory.mktemp("lap")
+    simulate(
+        folder / "drive",
+        duration_s=52.0,
+        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0),
+        movers=0,
+    )
+    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    return folder

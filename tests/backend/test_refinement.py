@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
-from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
+from support.passes import BEAM, LANE_Y, let_passes_follow, noisy_passes, path, street_pass
 
 from mqslam.backend import refinement
-from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, find_crossings, measure_psi_across, refine, select_tied
@@ -25,12 +22,7 @@ APART_M = 35.0  # a pass of the tests is 40 m long
 ESTIMATOR = EstimatorConfig()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def near_passes() -> Iterator[None]:
-    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(passes, "LEAST_PATH_M", APART_M)
-        yield
+near_passes = let_passes_follow(APART_M)  # each pass of the tests is 40 m long
 
 
 def two_passes() -> tuple[TrackedRun, Problem, tuple[Loop, ...]]:

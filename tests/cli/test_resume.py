@@ -19,7 +19,6 @@ from support.commands import mqslam, read_contents
 from mqslam import slam as slam_module
 from mqslam.detection import stage as detection
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.simulator import SensorModel, simulate
 
 OPTIONS = ("--odometry", "none", "--jobs", "1", "--quiet")
 LATER = ("summary.json", "run.log", "report.html")  # say how long things took
@@ -29,20 +28,6 @@ MOMENTS = {
     "the loops": f"out/{FOLDER}/loops.npz",
     "the first results": ".out.unfinished/trajectory.tum",
 }
-
-
-@pytest.fixture(scope="module")
-def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A coarse recording of a bit more than one round of a block, with loops to be found."""
-    folder = tmp_path_factory.mktemp("lap")
-    simulate(
-        folder / "drive",
-        duration_s=52.0,
-        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0),
-        movers=0,
-    )
-    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import A
 from support.chains import fenced_street
-from support.passes import BEAM, joined
+from support.passes import BEAM, joined, let_passes_follow
 
-from mqslam.backend.loops import passes
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
@@ -34,12 +33,7 @@ CONFIG = Config(
 OFF_M = 1.0
 
 
-@pytest.fixture(scope="module", autouse=True)
-def near_passes() -> Iterator[None]:
-    """Lets passes follow each other so soon that those of the tests count: each is 58 m long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(passes, "LEAST_PATH_M", 50.0)
-        yield
+near_passes = let_passes_follow(50.0)  # each pass of the tests is 58 m long
 
 
 @pytest.fixture(scope="module")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 
 import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import A
-from support.passes import BEAM, noisy_passes
+from support.passes import BEAM, let_passes_follow, noisy_passes
 
 from mqslam.backend import refinement
-from mqslam.backend.loops import passes
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.odometry import reckon
@@ -28,12 +26,7 @@ CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 LAST = 19  # the last scan of the first pass
 
 
-@pytest.fixture(scope="module", autouse=True)
-def near_passes() -> Iterator[None]:
-    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(passes, "LEAST_PATH_M", 35.0)
-        yield
+near_passes = let_passes_follow(35.0)  # each pass of the tests is 40 m long
 
 
 def two_passes() -> tuple[Scans, Problem, Loop]:

@@ -22,20 +22,6 @@ SAME = "trajectory.tum odometry.tum measurements.csv covariances.csv graph.g2o m
 
 
 @pytest.fixture(scope="module")
-def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A coarse recording of a bit more than one round of a block, with loops."""
-    folder = tmp_path_factory.mktemp("lap")
-    simulate(
-        folder / "drive",
-        duration_s=52.0,
-        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0),
-        movers=0,
-    )
-    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    return folder
-
-
-@pytest.fixture(scope="module")
 def alone(lap: Path) -> Path:
     """What one process makes of the lap."""
     assert run(lap, lap / "alone", "--jobs", "1").code == 0

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+import pytest
 
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -21,6 +25,18 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0)
 LANE_Y, OTHER_LANE_Y = -37.75, -34.25  # the two lanes of the street south of the middle block
 MIDDLE = 10  # a scan in the middle of a pass
+
+
+def let_passes_follow(apart_m: float) -> Any:
+    """Returns a fixture that lets passes follow each other so soon that those of the tests count: after `apart_m` [m]."""
+
+    @pytest.fixture(scope="module", autouse=True)
+    def near_passes() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(passes, "LEAST_PATH_M", apart_m)
+            yield
+
+    return near_passes
 
 
 @lru_cache(maxsize=16)

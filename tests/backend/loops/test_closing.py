@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from support.chains import fenced_street
-from support.passes import BEAM, CONFIG, joined
+from support.passes import BEAM, CONFIG, joined, let_passes_follow
 
-from mqslam.backend.loops import closing, passes
+from mqslam.backend.loops import closing
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.loops.recognition import Recognition
@@ -22,12 +22,7 @@ from mqslam.execution.runner import Runner
 OFF_M = 6.0
 
 
-@pytest.fixture(scope="module", autouse=True)
-def near_passes() -> Iterator[None]:
-    """Lets passes follow each other so soon that those of the tests count: each is 58 m long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(passes, "LEAST_PATH_M", 50.0)
-        yield
+near_passes = let_passes_follow(50.0)  # each pass of the tests is 58 m long
 
 
 def drifted(period_m: float, between_passes_m: float) -> tuple[Scans, Problem]:

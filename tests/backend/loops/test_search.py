@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from support.chains import candidate_of, chain_of, fenced_street
-from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, street_pass
+from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, let_passes_follow, street_pass
 
-from mqslam.backend.loops import passes
 from mqslam.backend.loops.closing import Candidate, CandidateScore, compare_passes, confirm_by_map, find_candidates
 from mqslam.backend.loops.passes import SUBMAP_M, TrackedRun, render_submap
 from mqslam.backend.loops.registration import align, score_at_pose
@@ -32,12 +29,7 @@ SAME, OPPOSITE = (-22.0, LANE_Y, 0.0), (15.0, OTHER_LANE_Y, np.pi)
 KEEP = (CONFIG.estimator, BEAM)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def near_passes() -> Iterator[None]:
-    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(passes, "LEAST_PATH_M", 35.0)
-        yield
+near_passes = let_passes_follow(35.0)  # each pass of the tests is 40 m long
 
 
 def compared(drive: TrackedRun, candidates: list[Candidate]) -> list[CandidateScore]:
