@@ -11,7 +11,8 @@ from support.drives import drive_around_a_block
 from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.evaluation import evaluate
-from mqslam.execution.checkpoint import FOLDER, Checkpoint
+from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.graphs.g2o import format_g2o
@@ -26,7 +27,7 @@ CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0), refinement=RefinementConf
 def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
     """Runs the recording by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     for name in ("loops.npz", "refinement.npz"):
-        (out / FOLDER / name).unlink(missing_ok=True)
+        (out / CHECKPOINT / name).unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
     return Slam(config, "psi", Runner(LocalEngine(jobs), checkpoint=checkpoint)).run(recording, None)
 

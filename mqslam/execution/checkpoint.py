@@ -31,8 +31,6 @@ from mqslam.version import __version__
 
 R = TypeVar("R")
 
-FOLDER = CHECKPOINT
-
 
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
@@ -105,7 +103,7 @@ class Checkpoint:
     """
 
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
-        self._out, self._folder = out, out / FOLDER
+        self._out, self._folder = out, out / CHECKPOINT
         self._key = key
         run = self._folder / "run.json"
         if not (resume and run.exists()):  # run.json is written first: without it, nothing has been kept

@@ -16,7 +16,7 @@ from support.commands import INSTALLED, Result, list_processes, mqslam, read_con
 from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
 from mqslam.errors import ConfigError
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.simulator import SensorModel, simulate
 
 NAMES = ("wheels", "drive", "radar only")
@@ -167,7 +167,7 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
         patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             batch_module.run_one(terms, orders[1])
-    assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}
+    assert {path.name for path in (tmp_path / "drive").iterdir()} == {CHECKPOINT}
     monkeypatch.setattr("mqslam.detection.stage.detect_stretch", lambda *_: pytest.fail("detected again"))
     assert batch_module.run_one(terms, orders[1]).failure is None
     assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
@@ -177,7 +177,7 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
 def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path, tmp_path: Path) -> None:
     words = [INSTALLED, "batch", work / "runs.yaml", "--out", tmp_path / "out", "--jobs", "2"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    while not list(tmp_path.glob(f"out/*/{FOLDER}/*.npz")):
+    while not list(tmp_path.glob(f"out/*/{CHECKPOINT}/*.npz")):
         assert process.poll() is None
         time.sleep(0.002)
     process.terminate()

@@ -15,7 +15,7 @@ from support.recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, w
 from mqslam.detection import stage as detection
 from mqslam.errors import OutputError
 from mqslam.execution import local_engine
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 
 Arguments = list[str | Path]
 
@@ -150,7 +150,7 @@ def test_a_write_that_fails_leaves_what_can_be_resumed(
     assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
     assert "continue with --resume" in shown.err
     left = read_contents(tmp_path / "results")
-    assert all(f"out/{FOLDER}".startswith(name) or name.startswith(f"out/{FOLDER}") for name in left)
+    assert all(f"out/{CHECKPOINT}".startswith(name) or name.startswith(f"out/{CHECKPOINT}") for name in left)
 
 
 @pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "x"], ["--nonsense"]])

@@ -16,7 +16,7 @@ from mqslam.commands.result import AuditResult, CompareResult, LocaliseResult, M
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
 
 
@@ -98,7 +98,7 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
     assert "summary.json: is a file; give the folder of a result" in refuse(finished / "summary.json")
     assert f"{finished.parent}: holds no result (" in refuse(finished.parent)
     assert f"; give a folder in it that holds a result, such as {finished.name}" in refuse(finished.parent)
-    (tmp_path / "unfinished" / FOLDER).mkdir(parents=True)
+    (tmp_path / "unfinished" / CHECKPOINT).mkdir(parents=True)
     remedy = "wait until the work has ended, or repeat its command and continue with --resume"
     assert f"unfinished: holds work that is not finished, and no result yet; {remedy}" in refuse(tmp_path / "unfinished")
 

@@ -20,7 +20,8 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.checkpoint import FOLDER, hash_run
+from mqslam.execution.checkpoint import hash_run
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_page
@@ -160,7 +161,7 @@ def test_a_run_that_died_writing_can_be_resumed_by_a_later_version(
         patch.setattr("mqslam.commands.run.write_run", failing(RuntimeError("Indeterminate linear system")))
         with pytest.raises(RuntimeError):
             run(drive, out, *asked)
-    assert {path.name for path in out.iterdir()} == {FOLDER}
+    assert {path.name for path in out.iterdir()} == {CHECKPOINT}
     monkeypatch.setattr("mqslam.slam.frontends.load", lambda _: lambda context: None)  # nothing is measured again
     assert run(drive, out, *asked, "--resume").code == 0
     assert {path.name for path in out.iterdir()} == ESSENTIAL | OTHERS

@@ -18,14 +18,14 @@ from support.commands import mqslam, read_contents
 
 from mqslam import slam as slam_module
 from mqslam.detection import stage as detection
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 
 OPTIONS = ("--odometry", "none", "--jobs", "1", "--quiet")
 LATER = ("summary.json", "run.log", "report.html")  # say how long things took
 MOMENTS = {
-    "the first returns": f"out/{FOLDER}/returns-000000-000040.npz",
-    "the measurements": f"out/{FOLDER}/measurements.npz",
-    "the loops": f"out/{FOLDER}/loops.npz",
+    "the first returns": f"out/{CHECKPOINT}/returns-000000-000040.npz",
+    "the measurements": f"out/{CHECKPOINT}/measurements.npz",
+    "the loops": f"out/{CHECKPOINT}/loops.npz",
     "the first results": ".out.unfinished/trajectory.tum",
 }
 
@@ -116,7 +116,7 @@ def test_an_interrupted_run_says_so_and_can_be_resumed(
         patch.setattr(slam_module, "find_loops", interrupted)
         shown = mqslam(*command(lap, out))
     assert shown.code not in (0, 2) and "Traceback" not in shown.err
-    assert {path.name for path in out.iterdir()} == {FOLDER}
+    assert {path.name for path in out.iterdir()} == {CHECKPOINT}
     assert mqslam(*command(lap, out, "--resume")).code == 0
     assert_as_whole(out, whole)
 
@@ -151,6 +151,6 @@ def test_an_unfinished_run_is_neither_overwritten_unasked_nor_resumed_as_another
 @pytest.mark.slow
 def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str, bytes | None], tmp_path: Path) -> None:
     out = shutil.copytree(dead, tmp_path / "out")
-    (out / FOLDER / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
+    (out / CHECKPOINT / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
     assert mqslam(*command(lap, out, "--force")).code == 0
     assert_as_whole(out, whole)

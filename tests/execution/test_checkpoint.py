@@ -21,7 +21,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.velocity import Detected
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError, Remedy
-from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
+from mqslam.execution.checkpoint import Checkpoint, hash_run, keep_checkpoint
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED, Kept, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi import doppler as doppler_module
@@ -109,7 +110,7 @@ def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_is_cut_short_is_not_there(tmp_path: Path, name: str) -> None:
     filled(tmp_path / "out")
-    file = tmp_path / "out" / FOLDER / name
+    file = tmp_path / "out" / CHECKPOINT / name
     whole = file.read_bytes()
     for length in [*range(0, len(whole), 101), len(whole) - 1]:
         file.write_bytes(whole[:length])
@@ -120,7 +121,7 @@ def test_a_file_that_is_cut_short_is_not_there(tmp_path: Path, name: str) -> Non
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_with_a_broken_byte_is_not_there_or_as_it_was(tmp_path: Path, name: str) -> None:
     checkpoint = filled(tmp_path / "out")
-    file = tmp_path / "out" / FOLDER / name
+    file = tmp_path / "out" / CHECKPOINT / name
     whole, right = file.read_bytes(), found_in(checkpoint)[FILES.index(name)]
     missing = 0
     for place in range(0, len(whole), 13):
@@ -137,7 +138,7 @@ def test_a_file_with_a_broken_byte_is_not_there_or_as_it_was(tmp_path: Path, nam
 @pytest.mark.parametrize("other", [b"", b"no archive", "loops.npz"])
 def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes | str) -> None:
     filled(tmp_path / "out")
-    folder = tmp_path / "out" / FOLDER
+    folder = tmp_path / "out" / CHECKPOINT
     text = other if isinstance(other, bytes) else (folder / other).read_bytes()
     for name in FILES[:2]:
         (folder / name).write_bytes(text)
@@ -156,7 +157,7 @@ def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_p
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
     first, _ = detect_all(recording, config, Runner(checkpoint=checkpoint))
     before = read_contents(tmp_path)
-    kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
+    kept = sorted((tmp_path / "out" / CHECKPOINT).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
         for file in broken:
@@ -203,14 +204,14 @@ def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 3}'])
 def test_a_checkpoint_that_does_not_say_whose_it_is_is_refused(tmp_path: Path, text: str) -> None:
     filled(tmp_path / "out")
-    (tmp_path / "out" / FOLDER / "run.json").write_text(text)
+    (tmp_path / "out" / CHECKPOINT / "run.json").write_text(text)
     with pytest.raises(OutputError):
         resumed(tmp_path / "out")
 
 
 def test_a_run_that_died_before_it_kept_anything_can_be_resumed(tmp_path: Path) -> None:
-    (tmp_path / "out" / FOLDER).mkdir(parents=True)
-    (tmp_path / "out" / FOLDER / ".run.json.x1y2").write_text('{"k')
+    (tmp_path / "out" / CHECKPOINT).mkdir(parents=True)
+    (tmp_path / "out" / CHECKPOINT / ".run.json.x1y2").write_text('{"k')
     assert found_in(resumed(tmp_path / "out")) == [None] * len(FILES)
 
 
@@ -271,8 +272,8 @@ def test_resuming_is_advised_unless_the_same_would_happen_again(
 @pytest.mark.parametrize("name", ["run.json", LOOPS.file])
 def test_a_pipe_in_a_checkpoint_is_not_waited_for(tmp_path: Path, name: str) -> None:
     filled(tmp_path / "out")
-    (tmp_path / "out" / FOLDER / name).unlink()
-    os.mkfifo(tmp_path / "out" / FOLDER / name)
+    (tmp_path / "out" / CHECKPOINT / name).unlink()
+    os.mkfifo(tmp_path / "out" / CHECKPOINT / name)
     if name == "run.json":
         with pytest.raises(OutputError, match="unfinished run of other data"):
             resumed(tmp_path / "out")

@@ -13,8 +13,8 @@ from support.commands import INSTALLED, list_processes, mqslam
 
 from mqslam.errors import ClusterError
 from mqslam.execution import cluster as cluster_module
-from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.cluster import connect
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, simulate
 
@@ -189,7 +189,7 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
     process.send_signal(signal.SIGINT)
     rest = process.stderr.read()
     assert process.wait(timeout=300) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
-    assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {CHECKPOINT}
     assert list_processes(process.pid) == []
 
 

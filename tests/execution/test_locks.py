@@ -13,8 +13,7 @@ import pytest
 from support.commands import read_contents
 
 from mqslam.errors import OutputError
-from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.folders import claim_folder, list_entries, list_written, write_folder_aside
+from mqslam.execution.folders import CHECKPOINT, claim_folder, list_entries, list_written, write_folder_aside
 from mqslam.execution.guards.locks import lock_output
 
 _KILLED = """
@@ -111,9 +110,9 @@ def test_what_a_user_has_beside_the_output_stays(tmp_path: Path, name: str) -> N
 def test_what_a_user_puts_in_while_a_command_works_stays(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with claim_folder(out):
-        (out / FOLDER).mkdir(parents=True)
+        (out / CHECKPOINT).mkdir(parents=True)
         for name in ("run.json", "loops.npz", "mine.txt"):
-            (out / FOLDER / name).write_text("old")
+            (out / CHECKPOINT / name).write_text("old")
         (out / "sub" / "empty").mkdir(parents=True)
         for name in ("notes.txt", "summary.json", "sub/notes.txt"):
             (out / name).write_text("mine")

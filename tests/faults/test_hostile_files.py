@@ -21,7 +21,7 @@ from support.limits import within_limits
 from support.recordings import bag_path, write_bag, write_oxford
 from support.subjects import SUBJECTS
 
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.recordings import FORMATS, open_recording
 
 
@@ -205,7 +205,7 @@ def test_a_pickle(drive: Path, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mqslam.slam.Problem", interrupt)
         assert run_quickly(drive, tmp_path / "out").code == 130
-    for kept in (tmp_path / "out" / FOLDER).glob("*.npz"):
+    for kept in (tmp_path / "out" / CHECKPOINT).glob("*.npz"):
         np.savez(kept, **{name: attack for name in ("ranges", "ends", "psi")})  # type: ignore[arg-type]
     assert run_quickly(drive, tmp_path / "out", "--resume", "--quiet").code == 0
     assert not touched.exists()

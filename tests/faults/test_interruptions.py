@@ -19,8 +19,8 @@ from support.faults import QUICK, assert_refused, cut_short, images, run_quickly
 from support.parameters import mostly_slow
 
 from mqslam.cli import main
-from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.cluster import connect
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.execution.local_engine import LocalEngine
 
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
@@ -28,7 +28,7 @@ INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (si
 
 def wait_until_kept(process: subprocess.Popen[str], out: Path) -> None:
     """Waits until a command has kept what a resumed one begins with."""
-    while process.poll() is None and not any((out / FOLDER).rglob("*.npz")):
+    while process.poll() is None and not any((out / CHECKPOINT).rglob("*.npz")):
         time.sleep(0.01)
 
 
@@ -63,7 +63,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
     assert "Traceback" not in rest
     if command in ("run", "compare"):
         assert last == "mqslam: interrupted; continue with --resume"
-        assert {path.name for path in (folder / "out").iterdir()} == {FOLDER}
+        assert {path.name for path in (folder / "out").iterdir()} == {CHECKPOINT}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
     assert list_processes(process.pid) == []
@@ -96,7 +96,7 @@ def test_a_run_that_was_killed(lane: Path, tmp_path: Path) -> None:
     out.parent.mkdir()
     process = subprocess.Popen([INSTALLED, "run", drive, "--out", out, "--config", quick, *QUICK, "--quiet"])
     end = time.monotonic() + 600.0
-    while process.poll() is None and not list(out.glob(f"{FOLDER}/returns-*.npz")) and time.monotonic() < end:
+    while process.poll() is None and not list(out.glob(f"{CHECKPOINT}/returns-*.npz")) and time.monotonic() < end:
         time.sleep(0.002)
     process.kill()
     assert process.wait() == -signal.SIGKILL
@@ -132,7 +132,7 @@ def test_a_worker_process_of_this_machine_that_dies(drive: Path, tmp_path: Path,
     assert_refused(
         shown, "a worker is lost, because its process died", "fewer jobs take less memory; continue with --resume"
     )
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {CHECKPOINT}
     assert run_quickly(drive, tmp_path / "out", "--resume").code == 0
     for name in ("trajectory.tum", "map.ply"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
@@ -158,7 +158,7 @@ def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monk
         at(patch, "detect", crew.scheduler.kill)
         shown = run_quickly(drive, tmp_path / "out", "--cluster", crew.address)
     assert_refused(shown, f"{crew.address}: the connection to the scheduler is lost; continue with --resume")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {CHECKPOINT}
     assert run_quickly(drive, tmp_path / "out", "--resume").code == 0
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (tmp_path / "alone" / "trajectory.tum").read_bytes()
 
@@ -179,7 +179,7 @@ def test_a_terminal_that_is_closed(drive: Path, tmp_path: Path) -> None:
     process.send_signal(signal.SIGHUP)
     last = process.stderr.read().splitlines()[-1]
     assert process.wait(timeout=300) == 129 and last == "mqslam: interrupted; continue with --resume"
-    assert {path.name for path in out.iterdir()} == {FOLDER}
+    assert {path.name for path in out.iterdir()} == {CHECKPOINT}
 
 
 def test_a_program_of_another_user_of_this_machine() -> None:

@@ -15,7 +15,7 @@ from support.commands import mqslam, read_contents
 from support.faults import QUICK, assert_refused, run_quickly
 
 from mqslam.commands import run as commands_run
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 
 
 def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
@@ -55,13 +55,13 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
         shown = run_quickly(drive, disk / "out", "--quiet")
         assert_refused(shown, str(disk), "No space left on device", "free space")
         left = read_contents(disk)
-        assert all(name == "out" or name.startswith(f"out/{FOLDER}") for name in left), left
+        assert all(name == "out" or name.startswith(f"out/{CHECKPOINT}") for name in left), left
         kept = [name for name in left if name.endswith(".npz")]
         assert ("continue with --resume" in shown.err) == bool(kept)
         if kept:
             subprocess.run(["mount", "-o", "remount,size=64m", disk], check=True)
             assert run_quickly(drive, disk / "out", "--resume", "--quiet").code == 0
-            assert FOLDER not in {path.name for path in (disk / "out").iterdir()}
+            assert CHECKPOINT not in {path.name for path in (disk / "out").iterdir()}
     with mounted(tmp_path / "other", "300k") as disk:
         assert_refused(mqslam("simulate", disk / "sim", "--duration", "3", "--quiet"), "No space left on device")
         assert read_contents(disk) == {}
@@ -111,7 +111,7 @@ def test_what_a_user_puts_into_the_output(drive: Path, tmp_path: Path, monkeypat
     assert (out / "notes.txt").read_text() == (out / "trajectory.tum.kept").read_text() == "mine"
     assert run_quickly(drive, out, "--quiet", "--force").code == 0
     assert (out / "notes.txt").read_text() == (out / "trajectory.tum.kept").read_text() == "mine"
-    assert not (out / FOLDER).exists()
+    assert not (out / CHECKPOINT).exists()
 
 
 def test_a_path_that_is_no_utf_8(drive: Path, tmp_path: Path) -> None:

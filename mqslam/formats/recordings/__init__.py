@@ -9,7 +9,7 @@ from typing import cast
 
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path, untrusted
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings.derived import apply_clockwise
@@ -127,7 +127,7 @@ def _guess_layout(path: Path) -> Layout:
             return layout
     if _is_result(path):
         raise DataError(path, "is a result of mqslam, not a recording", "give the recording that it was made from")
-    if (path / FOLDER).is_dir():
+    if (path / CHECKPOINT).is_dir():
         remedy = "give the recording that it is made from, or resume the run before its result is used"
         raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
     if carmen.recognises(path):

@@ -9,7 +9,7 @@ import pytest
 from support.commands import mqslam
 
 from mqslam.errors import ConfigError, DataError
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.conversion import find_target
 from mqslam.formats.recordings import FORMATS, list_targets, open_recording
 
@@ -79,7 +79,7 @@ def test_a_result_in_place_of_a_recording_is_named_as_one(tmp_path: Path, names:
 
 
 def test_an_unfinished_run_in_place_of_a_recording_is_named_as_one(tmp_path: Path) -> None:
-    (tmp_path / "result" / FOLDER).mkdir(parents=True)
+    (tmp_path / "result" / CHECKPOINT).mkdir(parents=True)
     for command in (("info",), ("convert", tmp_path / "out.bag")):
         shown = mqslam(command[0], tmp_path / "result", *command[1:])
         assert shown.code == 2 and "result: is an unfinished run of mqslam, not a recording" in shown.err
