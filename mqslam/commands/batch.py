@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mqslam.commands.inputs import Inputs, read_extrinsics
+from mqslam.commands.inputs import CHOICES, Inputs, read_extrinsics
 from mqslam.commands.result import Result
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
@@ -28,7 +28,6 @@ from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.files import add_warnings
 
-_CHOICES = ("auto", "none")  # choices that a run may name instead of a file or of extrinsics
 _AGAIN = "the same command continues the batch"
 
 
@@ -123,10 +122,10 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
     frontend = str(folder / run.frontend) if frontends.is_file(run.frontend) else run.frontend
     frontends.require(frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
-    if run.extrinsics not in _CHOICES:
+    if run.extrinsics not in CHOICES:
         read_extrinsics(run.extrinsics)
     odometry, imu, gnss = (
-        choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
+        choice if choice in CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
     )
     settings, span = change_config(load_config(config), _nest(run.set)), (run.start, run.end)
     if not (-math.inf if run.start is None else run.start) < (math.inf if run.end is None else run.end):

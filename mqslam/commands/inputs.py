@@ -53,6 +53,7 @@ class Inputs:
 
 
 USUAL_INPUTS = Inputs()
+CHOICES = ("auto", "none")  # choices of an input that name no file and no values
 Span = tuple[float | None, float | None]  # begin and end [s] since the recording's start; None takes the recording's own
 WHOLE: Span = (None, None)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqslam.commands.inputs import USUAL_INPUTS, Inputs, choose_odometry
+from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
 from mqslam.commands.lidar_settings import fit_to_lidar
 from mqslam.config import Config
 from mqslam.core.recording import LidarRecording
@@ -13,8 +13,6 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import join_words
 from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
-
-_OFF = ("auto", "none")  # choices of an input that name no file and no values
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +48,9 @@ def prepare_lidar(
         DataError: the file of odometry cannot be read or does not cover the recording, or no scan has a return.
     """
     given = {
-        "readings of a gyroscope": inputs.imu not in _OFF,
-        "GNSS fixes": inputs.gnss not in _OFF,
-        "extrinsics": inputs.extrinsics not in _OFF,
+        "readings of a gyroscope": inputs.imu not in CHOICES,
+        "GNSS fixes": inputs.gnss not in CHOICES,
+        "extrinsics": inputs.extrinsics not in CHOICES,
         "another frame than the lidar's": inputs.frame != RADAR,
     }
     if any(given.values()):

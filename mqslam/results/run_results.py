@@ -321,7 +321,7 @@ def summarise_mount(mount: MountUse) -> dict[str, Any]:
     """Returns the pose of the radar on the vehicle with its standard deviations; unknown numbers are NaN (null in JSON)."""
     numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
     numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
-    return {**numbers, "source": mount.source, "statements": list(mount.statements)}
+    return {**numbers, "source": mount.source, "statements": [mount.statement]}
 
 
 def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:

@@ -126,14 +126,14 @@ class MountUse:
         pose: (3,) pose of the radar in the vehicle's frame [m, m, rad]; NaN for unknown components.
         sigmas: (3,) standard deviations of estimated components [m, m, rad]; NaN for stated or unknown components.
         source: `given`, `recording` or `estimated from odometry`.
-        statements: sentences for the user.
+        statement: sentence for the user.
         contradiction: sentence on how odometry contradicts a stated mount, or None.
     """
 
     pose: se2.Array
     sigmas: NDArray[np.float64]
     source: str
-    statements: tuple[str, ...]
+    statement: str
     contradiction: str | None = None
 
 
@@ -157,15 +157,14 @@ def find_mount(
         statement = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"
         contrary = None if estimate is None else _find_contrary(mount, estimate, limits)
         source, unknown = "given" if mount.given else "recording", np.full(3, np.nan)
-        return MountUse(
-            mount.pose, unknown, source, (statement,), None if contrary is None else f"{statement}, but {contrary}"
-        )
+        contradiction = None if contrary is None else f"{statement}, but {contrary}"
+        return MountUse(mount.pose, unknown, source, statement, contradiction)
     if estimate is None:
         return None
     known = estimate.sigmas < limits
     known[:2] = known[:2].all()
     pose, sigmas = np.where(known, estimate.pose, np.nan), np.where(known, estimate.sigmas, np.nan)
-    return MountUse(pose, sigmas, "estimated from odometry", (_tell_estimate(pose, sigmas),))
+    return MountUse(pose, sigmas, "estimated from odometry", _tell_estimate(pose, sigmas))
 
 
 def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:

@@ -88,23 +88,23 @@ def test_without_turns_the_place_is_not_told_but_the_yaw_is() -> None:
     use = find_mount(None, wheels(STRAIGHT, np.zeros(3), 1), psi(STRAIGHT, mount, 1), STATED)
     assert use is not None and np.isnan(use.pose[:2]).all() and np.isnan(use.sigmas[:2]).all()
     assert abs(use.pose[2] - AHEAD[2]) < 3.0 * use.sigmas[2] < np.deg2rad(1.0)
-    assert use.statements[0].endswith("the drive turns too little to show the radar's position")
+    assert use.statement.endswith("the drive turns too little to show the radar's position")
 
 
 def test_an_estimate_is_told_with_the_extrinsics_that_would_use_it() -> None:
     use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.array(AHEAD), 1), STATED)
     assert use is not None and use.source == "estimated from odometry" and use.contradiction is None
-    assert use.statements[0].startswith("odometry says that the radar sits 1.")
-    assert "ahead of the vehicle's origin" in use.statements[0] and "m) to the right" in use.statements[0]
+    assert use.statement.startswith("odometry says that the radar sits 1.")
+    assert "ahead of the vehicle's origin" in use.statement and "m) to the right" in use.statement
     x, y, yaw = use.pose[0], use.pose[1], np.degrees(use.pose[2])
-    assert f"give extrinsics {x:.2f},{y:.2f},{yaw:.1f} to use it" in use.statements[0]
+    assert f"give extrinsics {x:.2f},{y:.2f},{yaw:.1f} to use it" in use.statement
 
 
 def test_a_radar_that_may_be_at_the_origin_is_said_to_be_there() -> None:
     use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.zeros(3), 1), STATED)
     assert use is not None and np.all(np.abs(use.pose) < 3.0 * use.sigmas)
-    assert use.statements[0].startswith("odometry says that the radar sits at the vehicle's origin (± ")
-    assert use.statements[0].endswith(" deg)") and "give extrinsics" not in use.statements[0]
+    assert use.statement.startswith("odometry says that the radar sits at the vehicle's origin (± ")
+    assert use.statement.endswith(" deg)") and "give extrinsics" not in use.statement
 
 
 def test_no_part_of_the_extrinsics_is_minus_zero() -> None:
