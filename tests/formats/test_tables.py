@@ -101,7 +101,7 @@ def test_clouds_join_seconds_and_nanoseconds(tmp_path: Path) -> None:
     np.savez(tmp_path / "cloud.npz", x=xy, y=xy, timestamp_sec=whole, timestamp_nsec=parts)
     cloud = read_cloud(tmp_path / "cloud.npz")
     np.testing.assert_array_equal(cloud.stamps_us, STAMPS)
-    assert any("timestamp_sec and timestamp_nsec in ns" in note for note in cloud.notes)
+    assert any("timestamp_sec and timestamp_nsec, in ns" in note for note in cloud.notes)
 
 
 @pytest.mark.parametrize(
