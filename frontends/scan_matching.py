@@ -307,10 +307,11 @@ def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDAr
 def _follow(
     scans: Sequence[Scan], track: ScanTrack, start: Step, *, instants: bool
 ) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, and with each motion three durations (3,) [s] without a match.
+    """Yields the motion from each scan k to scan k + 1 along a new track, and three durations (3,) [s] without a match.
 
-    They are the time since the last match, at the scan before the motion and at the motion's first scan, and the gap
-    between the motion's two scans. `start` is the match of the first scan. Scans that were taken in an instant have no gap.
+    The first duration is the time since the last match at scan k - 1: 0 if this scan was matched, or if k is 0. The second
+    duration is the same time at scan k. The third is the time between the end of scan k and the start of scan k + 1: 0 if
+    `instants`, which means that each scan was taken in an instant. `start` is the match of the first scan.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)

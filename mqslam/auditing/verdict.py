@@ -87,7 +87,11 @@ class Share:
 
 
 class Cause(IntEnum):
-    """What may be wrong with a trajectory or a recording. A cause before JUMP also explains the faults of later causes."""
+    """What may be wrong with a trajectory or a recording. The order of the members decides the diagnosis.
+
+    A member above JUMP also explains the faults of all members below it, so the topmost one found becomes the diagnosis.
+    From JUMP on, the members do not explain one another: the gravest finding comes first, then the order of the members.
+    """
 
     NO_POSES = auto()
     FRAME = auto()

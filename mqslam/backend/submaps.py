@@ -130,7 +130,10 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     seen = cut_gross(seen, _DRIFT_GROSS)
 
     def cost(logs: NDArray[np.float64]) -> float:
-        """Returns the negative log-likelihood of factors plus the cost of the prior, given the factors' logarithms (3,)."""
+        """Returns twice the negative log-likelihood, divided by the overlap of the spans, plus the cost of the prior.
+
+        `logs` (3,) are the logarithms of the factors on the variances in x, y and yaw.
+        """
         variances = by_ends + by_ties @ np.exp(logs)
         rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # each submap is part of _DRIFT_SUBMAPS spans
         return float(rows + _DRIFT_TRUSTED * np.sum(logs + np.exp(-logs)))

@@ -23,7 +23,8 @@ class PreparedLidar:
         recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
         odometry: the odometry that the run uses, or None.
         settings: all settings, with lengths that are fitted to the scans.
-        warnings: sentences on why odometry is not used; empty if it is used or missing.
+        warnings: sentences on why the recording's odometry is not used; empty if odometry is used, if the recording has
+            none, or if the user chose none.
     """
 
     recording: LidarRecording

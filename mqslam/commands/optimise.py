@@ -34,8 +34,9 @@ def optimise_file(
 
     Returns:
         The paths `graph` and `out`; the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph; `error_before`
-        and `error_after`, each half of the sum of squared residuals in standard deviations, weighted by the losses; and
-        `left_out`, the number of factors that a .g2o file cannot hold, because they are not edges between poses.
+        and `error_after`, each the sum over all factors of half the squared residual, in standard deviations, or of the
+        robust loss in its place if the factor has one, as GTSAM computes it; and `left_out`, the number of factors that a
+        .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
         ConfigError: the output has an unknown suffix.

@@ -198,7 +198,7 @@ class TangentPlane:
 
     @classmethod
     def at_middle(cls, fixes: Fixes) -> TangentPlane:
-        """Returns the plane that touches the Earth at the median of at least one fix."""
+        """Returns the plane that touches the Earth at the median latitude and longitude of one or more fixes."""
         return cls(float(np.median(fixes.latitudes)), float(np.median(fixes.longitudes)))
 
     def project(self, latitudes: NDArray[np.float64], longitudes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -74,14 +74,14 @@ def scale_settings(config: Config, factor: float) -> Config:
 
 
 def find_unit(config: Config, usual: Config) -> float | None:
-    """Finds the unit of length that settings were fitted to: the factor between most lengths and the usual lengths.
+    """Finds the unit of length that settings were fitted to: the given value of most lengths divided by the usual value.
 
     Args:
         config: settings, such as those of a lidar's run.
         usual: settings in metres.
 
     Returns:
-        The unit [m]; None if no factor other than 1 is shared by more than half of the lengths.
+        The unit [m]; None if no quotient other than 1 is shared by more than half of the lengths.
     """
     ratios = Counter[float]()
     for name, section in usual:

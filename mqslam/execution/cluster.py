@@ -47,11 +47,13 @@ def connect(address: str) -> Iterator[Engine]:
     Dask can run programs as the scheduler's owner, and all users of this machine could reach a scheduler that runs here.
 
     Args:
-        address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
+        address: `tcp://host:port` or `tls://host:port` of a scheduler, or `local:N` for N workers (1 to 9999) on this
+            machine while the block lasts.
 
     Raises:
         ConfigError: the address has another form.
-        ClusterError: no scheduler answers at the address, it has no workers, or a machine has another version of mqslam.
+        ClusterError: no scheduler answers at the address, it has no workers, or one of its machines has another version of
+            mqslam or none.
     """
     for name in _LOGGERS:  # Dask's own log is noise: what matters is raised as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -76,7 +78,7 @@ def _check_versions(client: Client, address: str) -> None:
     """Checks that there are workers, and that scheduler and workers have the same version of mqslam as this process.
 
     Raises:
-        ClusterError: there are no workers, or a machine has another version.
+        ClusterError: there are no workers, or one of the machines has another version or none.
     """
     try:
         client.wait_for_workers(1, timeout=_ANSWER_S)

@@ -163,7 +163,12 @@ def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _read_bag(path: Path) -> StampedCovariances:
-    """Returns the covariances of the only topic of poses with covariance in a bag, or else of the only odometry."""
+    """Returns the covariances of a bag's one topic of PoseWithCovarianceStamped or, if there is none, of Odometry.
+
+    Raises:
+        DataError: the bag cannot be read, has neither, has two or more topics of the type that would be read, or states
+            terms that do not form a covariance.
+    """
     with bags.open_bag(path) as reader:
         for kind in (bags.POSE_WITH_COVARIANCE_TYPE, bags.ODOMETRY_TYPE):
             topics = {c.topic for c in reader.connections if c.msgcount and c.msgtype == kind}

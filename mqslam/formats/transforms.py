@@ -53,10 +53,11 @@ class Mounts:
     """The transforms (4, 4) of a recording that never change; each converts points [m] from a frame to its parent.
 
     Args:
-        parents: by frame, the name of its parent and the transform.
-        topics: by frame, the topic that states the transform.
-        stated: by frame, the parent and the numbers of the transform that /tf stated first.
-        moving: the frames whose transforms on /tf change.
+        parents: by frame, the name of its parent and the transform; without transforms on /tf that have changed.
+        topics: by frame in `parents`, the topic that states the transform.
+        stated: by frame, the parent and the numbers (x, y, z [m] and the quaternion x, y, z, w) of the first valid transform
+            on /tf, with which later ones are compared.
+        moving: the frames whose transforms on /tf have changed, which are therefore ignored there.
     """
 
     parents: dict[str, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)

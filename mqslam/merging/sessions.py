@@ -187,11 +187,16 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
 
 
 def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Grows from each row a set of rows that all agree with each other; returns the numbers (M,) of the heaviest set's rows.
+    """Finds a set of rows that all agree with each other and have a large sum of weights; a row is a list of matches.
+
+    From each row a set is grown greedily: rows that agree with all rows of the set are added one by one.
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
         weights: (N,) weights of the rows, their numbers of matches.
+
+    Returns:
+        The sorted indices (M,) of the rows of the grown set with the largest sum of weights.
     """
     best: list[int] = []
     for first in range(len(weights)):

@@ -15,7 +15,9 @@ _GRAVEST_FIRST = [status.value for status in GRAVEST_FIRST]
 
 
 def list_worse(summary: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
-    """Returns a sentence on the verdict and on each test whose status is worse than in an earlier audit, the verdict first.
+    """Returns one sentence for each status, of the verdict or of a test, that is worse than in an earlier audit.
+
+    The sentence on the verdict comes first. The list is empty if no status is worse.
 
     Args:
         summary: content of audit.json.

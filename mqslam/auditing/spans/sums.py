@@ -92,7 +92,10 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
 
 
 def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
-    """Returns the torn sums in the order of time; of sums that overlap, only the sum with the smallest p-value."""
+    """Returns the bends in the order of time: sums of spans that are off by more than chance explains and is tolerated.
+
+    Of sums that cover the same time, only the sum with the smallest p-value is returned.
+    """
     bends: list[SumAudit] = []
     for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):

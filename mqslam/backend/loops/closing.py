@@ -120,7 +120,11 @@ def find_candidates(
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
 
     def stretch(pair: tuple[int, int]) -> tuple[float, float]:
-        """Returns the lengths of path up to both scans; the length to the later scan is multiplied by _TRIED_FACTOR."""
+        """Returns the two coordinates [m] by which pairs are compared: the lengths of path up to their two scans.
+
+        The later scan's is multiplied by _TRIED_FACTOR, so that pairs are neighbours only if their later scans are nearer to
+        each other, by this factor, than their earlier scans must be.
+        """
         return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
 
     known = cKDTree(np.array([stretch(pair) for pair in sorted(tried)]).reshape(-1, 2))

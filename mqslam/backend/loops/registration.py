@@ -120,10 +120,11 @@ def _pick_rivals(
 ) -> se2.Array:
     """Returns the poses (R, 3) [m, m, rad] of those other minima that fit about as well as the best minimum.
 
-    The scores of two poses are sums over the same points. The differences of the points' scores are summed by object, as in
-    psi's covariance. If both poses fit equally well, the sum over all objects is about zero, compared with its standard
-    deviation (Vuong, 1989). A point shows which pose is right only if it has a reference in reach at both poses. Other
-    points, such as points beyond the end of a pass, are left out.
+    A minimum is picked if its psi over all points is below RIVAL times the psi of the best minimum, or if a test (Vuong,
+    1989) finds it worse by at most `sigmas` standard deviations. The test sums the differences between the points' scores
+    at the two poses by object, as in psi's covariance; if both poses fit equally well, the sum over all objects is about
+    zero, compared with its standard deviation. The test uses only points that have a reference in reach at both poses.
+    Other points, such as points beyond the end of a pass, do not show which pose is right.
     """
     references, query = submaps
 

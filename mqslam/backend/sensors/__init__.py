@@ -1,1 +1,4 @@
-"""The sensors besides the radar: each is compared with the front end's motions, calibrated, and joined to the pose graph."""
+"""Calibrates odometry, gyroscopes, GNSS and velocities from chirps by the front end's motions, and adds them to the graph.
+
+A sensor that contradicts the front end is refused. The pose of the radar on the vehicle is estimated here, too.
+"""

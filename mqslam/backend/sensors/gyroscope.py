@@ -473,7 +473,10 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
 
 
 def _describe_corrections(rotation: Rotation) -> list[str]:
-    """Returns sentences about the corrections of a gyroscope."""
+    """Returns one sentence for each correction (axis, sign, clock, scale) that the calibration makes to the readings.
+
+    The list is empty if the axis is z, the sign is positive, and clock and scale are within tolerance.
+    """
     sentences = []
     if rotation.axis != "z":
         sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")

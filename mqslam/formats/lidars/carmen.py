@@ -62,9 +62,9 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     """Reads a CARMEN log.
 
     All beams of a scan have the scan's time, since the format states no times of beams. The trajectory consists of the
-    lidar's poses in the scan lines. The odometry comes from the ODOM lines. In a log without ODOM lines, it consists of the
-    robot's poses in the scan lines, unless these are rigidly connected to the lidar's poses. Poses of the robot are
-    converted to poses of the lidar.
+    lidar's poses in the scan lines. The odometry comes from the ODOM lines or, in a log without ODOM lines, from the robot's
+    poses in the scan lines. If these differ from the lidar's poses only by a constant offset, they hold no second
+    measurement, and there is no odometry. Poses of the robot are converted to poses of the lidar.
 
     Args:
         path: the log.

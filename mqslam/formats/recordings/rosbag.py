@@ -241,7 +241,10 @@ class Frames:
         return truth.attach(to_radar), note
 
     def is_of_vehicle(self, frame: str) -> bool:
-        """Returns whether a frame is the vehicle's own frame; always False if the bag states the radar's mount."""
+        """Returns whether `place_truth` leaves poses of a frame as poses of the vehicle.
+
+        This is so if the frame is the vehicle's own, is not the radar's, and the bag does not state the radar's mount.
+        """
         on_vehicle = self._find(frame)
         apart = name_frame(frame) != name_frame(self.radar)
         return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()

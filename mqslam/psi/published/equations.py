@@ -6,15 +6,22 @@
     S_ij     = L(s_ij) s_ij                                                             (10)
     psi      = sum_i sum_j S_ij^2                                                       (4)
 
-s_ij is the distance between points i and j, and t_ij the difference of their times. Source: "Motion Estimation from Map
-Quality with Millimeter Wave Radar". As printed, a point without a selected neighbour costs nothing, so a map of scans that
-do not overlap scores best of all. The setting `unmatched` adds a charge for each such point, in units of the most that a
-single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
+s_ij is the distance of points i and j [m], and t_ij the absolute difference of their times [s]. Only pairs of different
+points with s_ij below the setting `s` [m] take part. tau is a width [m], so L has the unit 1/m, and psi has none. Source:
+"Motion Estimation from Map Quality with Millimeter Wave Radar". The setting `temporal: gaussian` takes equation (8) as
+printed. The default, `plateau`, sets the second factor of (8), the temporal factor, to 1 where t_ij is alpha_t or more.
+
+As printed, a point without a selected neighbour costs nothing, so a map of scans that do not overlap scores best of all. The
+setting `unmatched` therefore adds a charge of `unmatched` times (2 s / (pi tau))^2 for each such point; zero gives the score
+as printed. The unit (2 s / (pi tau))^2 is the most that a single pair can cost with the settings `numerator: tau/2` and
+`factor: distance`, which are equations (9) and (10). The other values of these settings, which are those of Algorithm 1,
+do not change the charge.
 
 Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
-q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. If several pairs have
-the least q, the pair with the smallest distance counts as the best, and among equal distances the pair with the smallest
-index j. `tests/support/score_reference.py` holds a readable version of this module.
+q = ((s_ij - alpha_s)/beta_s)^2 + ((t_ij - alpha_t)/beta_t)^2 (with `plateau`, the second term is 0 from alpha_t on), and the
+largest kappa belongs to the least q. If several pairs have the least q, the pair with the smallest distance counts as the
+best, and among equal distances the pair with the smallest index j. `tests/support/score_reference.py` holds a readable
+version of this module.
 """
 
 from __future__ import annotations

@@ -242,7 +242,11 @@ class LastMatch:
         return scan.t0 - self.t0 <= limit_step(self.turn_s)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
-        """Predicts a later state at constant acceleration, after a gap at constant twist, and after a pause at rest."""
+        """Predicts the state at the start of a later scan.
+
+        The acceleration is constant if the scan follows soon (`is_before`). After a longer gap the twist is constant. After
+        more than LONGEST_COAST_S the sensor is predicted to be at rest, at its last pose.
+        """
         dt, belief = scan.t0 - self.t0, self.belief
         if self.is_before(scan):
             return predict(belief, dt, settings)
