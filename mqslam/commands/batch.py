@@ -72,11 +72,12 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
     plan = parse_yaml(Plan, path, text)
     orders: list[Order] = []
     folder = path.absolute().parent
-    for number, (run, name) in enumerate(zip(plan.runs, _name_runs(plan.runs, folder), strict=True)):
+    for number, (run, name) in enumerate(zip(plan.runs, _name_runs(plan.runs, folder), strict=True), 1):
         try:
             orders.append(_prepare_order(run, name, folder, {order.name for order in orders}))
         except ConfigError as error:
-            raise ConfigError(f"{path}: runs.{number}: {error}") from error
+            named = "" if run.name is None else f" ({run.name})"
+            raise ConfigError(f"{path}: run {number}{named}: {error}") from error
     return orders, text
 
 
