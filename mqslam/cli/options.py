@@ -159,7 +159,8 @@ def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict
         try:
             tree[section][name] = yaml.safe_load(value)
         except yaml.YAMLError as error:
-            raise ConfigError(f"--set {text}: '{value}' is no value; give a number, a word, true, false or null") from error
+            remedy = f"put it in quotes that the shell keeps, as in --set '{section}.{name}=\"TEXT\"'"
+            raise ConfigError(f"--set {text}: the value '{value}' is not valid YAML; {remedy}") from error
     return tree if config is None else change_config(load_config(config), tree)
 
 

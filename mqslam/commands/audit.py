@@ -141,7 +141,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
-                "covariances are of the sensor's poses, but extrinsics are for poses of another frame; leave out one of them"
+                "covariances and extrinsics cannot be given together, because covariances are not converted to another "
+                "frame; leave out the extrinsics if the trajectory is the sensor's own, else leave out the covariances"
             )
         given, understood = _read_given(
             trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount

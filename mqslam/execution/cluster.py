@@ -62,7 +62,10 @@ def connect(address: str) -> Iterator[Engine]:
             yield engine
         return
     if not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
-        raise ConfigError(f"cluster {address}: give a scheduler's tcp://host:port, or local:N for N workers here")
+        raise ConfigError(
+            f"cluster {address}: is not an address of a cluster; give tcp://host:port or tls://host:port of a scheduler, or "
+            "local:N for N workers on this machine, where N is 1 to 9999"
+        )
     try:
         client = Client(address, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -87,7 +90,8 @@ def _check_versions(client: Client, address: str) -> None:
     try:
         versions = {"scheduler": client.run_on_scheduler(_version), **client.run(_version)}
     except ImportError as error:
-        raise ClusterError(f"{address}: a machine lacks mqslam ({error}); install it there") from error
+        problem = f"{address}: mqslam cannot be imported on the scheduler or on a worker ({error})"
+        raise ClusterError(f"{problem}; install mqslam {__version__} on every machine of the cluster") from error
     for where, version in versions.items():
         if version != __version__:
             raise ClusterError(f"{where}: has mqslam {version}; install {__version__} there, as on this machine")

@@ -322,9 +322,9 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
     apart = [str(sessions[n].folder) for n in range(len(sessions)) if n not in joined]
     if apart:
         raise EstimationError(
-            f"{', '.join(apart)}: places seem to be shared with other recordings, but linking these places makes the map "
-            "worse",
-            "give recordings that pass the same places",
+            f"{', '.join(apart)}: cannot be joined with the other recordings: some places look the same, but linking them "
+            "makes the map worse, so they are probably different places",
+            "leave these recordings out, or add a recording that passes places of these and of the others",
         )
 
 

@@ -75,7 +75,7 @@ class SensorModel:
         positive = ("turn_rate_hz", "range_resolution", "max_range", "beam_width_deg", "spread_bins")
         for name in positive:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ConfigError(f"simulator: {name} is {getattr(self, name)}; it must be above 0")
+                raise ConfigError(f"simulator: {name} is {getattr(self, name)}; it must be a finite number above 0")
         for name, largest in _LARGEST_FAULTS.items():
             if not abs(getattr(self, name)) <= largest:
                 raise ConfigError(f"simulator: {name} is {getattr(self, name)}; choose {-largest:g} to {largest:g}")

@@ -217,7 +217,7 @@ def test_an_option_sets_a_single_setting(tmp_path: Path) -> None:
     for wrong, reason in (
         ("detector.threshold", "give SECTION.NAME=VALUE"),
         ("threshold=60", "give SECTION.NAME=VALUE"),
-        ("detector.threshold=[", "'[' is no value"),
+        ("detector.threshold=[", "the value '[' is not valid YAML; put it in quotes"),
         ("detector.treshold=60", "did you mean threshold?"),
         ("detector.threshold=many", "detector.threshold: Input should be a valid number"),
     ):

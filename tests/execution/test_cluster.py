@@ -126,9 +126,9 @@ def test_compare_and_audit_give_the_same_on_a_cluster(lap: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("address", "message"),
     [
-        ("local:0", "give a scheduler's tcp://host:port, or local:N"),
-        ("local", "give a scheduler's tcp://host:port, or local:N"),
-        ("127.0.0.1:8786", "give a scheduler's tcp://host:port, or local:N"),
+        ("local:0", "is not an address of a cluster; give tcp://host:port"),
+        ("local", "is not an address of a cluster; give tcp://host:port"),
+        ("127.0.0.1:8786", "is not an address of a cluster; give tcp://host:port"),
         ("tcp://127.0.0.1:9", "no scheduler answers there; start one with 'dask scheduler'"),
     ],
 )

@@ -200,7 +200,8 @@ def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Tr
     breaks = np.flatnonzero(earlier[1:] != later[:-1]) + 1
     longest = max(np.split(np.arange(len(table)), breaks), key=len)
     if len(breaks):
-        notes.append(f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth")
+        held = count_of(len(breaks), "break")
+        notes.append(f"{csv.name} has {held}: only the longest stretch without a break is used as ground truth")
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
     return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps))
 
