@@ -42,3 +42,12 @@ def test_odometry_is_believed_where_psi_did_not_observe_the_motion() -> None:
 def test_odometry_is_doubtful_where_a_scan_of_many_returns_fits_nowhere() -> None:
     lost = replace(SEEN[4], status=Status.LOST)
     assert find_doubtful((4, lost), (7, replace(lost, points=3))) == [4]
+
+
+def test_odometry_is_believed_across_lost_scans_if_the_next_match_on_the_same_map_agrees() -> None:
+    lost = [(k, replace(SEEN[k], status=Status.LOST, on_map=True)) for k in (4, 5, 6)]
+    assert find_doubtful(*lost) == []
+    elsewhere = replace(SEEN[7], pose=np.array([0.8, 0.0, 0.01]))
+    assert find_doubtful(*lost, (7, elsewhere)) == [4, 5, 6, 7]
+    on_a_new_map = [(k, replace(motion, on_map=False)) for k, motion in lost]
+    assert find_doubtful(*on_a_new_map) == [4, 5, 6]

@@ -238,8 +238,9 @@ def make_odometry_edges(
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
     """Gives odometry's motions that the front end contradicts such large covariances that they have no effect in the graph.
 
-    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's pose. It is also
-    contradicted if the scan matches at a pose farther away than the usual errors of this odometry explain.
+    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's pose, unless the
+    next scan that matches the same map lies where odometry has it: the lost scans then show places that are not in the map
+    yet. A motion is also contradicted if the scan matches farther away than the usual errors of this odometry explain.
 
     Args:
         odometry: motions of odometry; there may be none.
@@ -248,18 +249,43 @@ def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measu
     if not odometry:
         return []
     usual = np.diag(np.median([np.diag(motion.covariance) for motion in odometry], axis=0))
+    confirmed = _find_confirmed(odometry, measured, usual)
 
-    def is_contradicted(motion: Measurement, seen: Measurement) -> bool:
+    def is_contradicted(number: int, motion: Measurement, seen: Measurement) -> bool:
         if seen.status is Status.LOST:
-            return seen.points >= FEWEST_RETURNS
+            return seen.points >= FEWEST_RETURNS and number not in confirmed
         off = se2.subtract(seen.pose, motion.pose)
         beyond = se2.normalise(off[None], (seen.covariance + usual)[None])[0] > _CHANCE
         return seen.status is Status.CONVERGED and bool(beyond)
 
     return [
-        replace(motion, covariance=motion.covariance + _WORTHLESS) if is_contradicted(motion, seen) else motion
-        for motion, seen in zip(odometry, measured, strict=True)
+        replace(motion, covariance=motion.covariance + _WORTHLESS) if is_contradicted(number, motion, seen) else motion
+        for number, (motion, seen) in enumerate(zip(odometry, measured, strict=True))
     ]
+
+
+def _find_confirmed(
+    odometry: Sequence[Measurement], measured: Sequence[Measurement], usual: NDArray[np.float64]
+) -> set[int]:
+    """Returns the indices of the lost motions whose odometry is confirmed by the next scan that matches the same map.
+
+    Args:
+        odometry: motions of odometry.
+        measured: motions of the front end over the same scans.
+        usual: (3, 3) usual covariance of a motion of odometry [m, m, rad].
+    """
+    confirmed: set[int] = set()
+    begin = 0
+    for end, motion in enumerate(measured):
+        if motion.status is Status.LOST and motion.on_map:
+            continue
+        if begin < end and motion.status is not Status.LOST:
+            seen, stated = (se2.chain(one.pose for one in motions[begin : end + 1])[-1] for motions in (measured, odometry))
+            off = se2.subtract(seen, stated)
+            if se2.normalise(off[None], (end + 1 - begin) * usual[None])[0] <= _CHANCE:
+                confirmed.update(range(begin, end))
+        begin = end + 1
+    return confirmed
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
