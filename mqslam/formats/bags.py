@@ -82,7 +82,7 @@ _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
 
 
 def explain_packed(path: Path) -> DataError | None:
-    """Returns the error for a file that is compressed as a whole, such as a .zst of a ROS 2 bag, or None for other files."""
+    """Returns the error for a file whose name ends like that of a packed file (.zst, .tar, .zip...), else None."""
     packed = _PACKED.fullmatch(path.name.lower())
     if packed is None or not path.is_file():
         return None
@@ -107,7 +107,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
 
     Raises:
-        DataError: the path cannot be read as a bag.
+        DataError: the path cannot be read as a bag. Any error in the block becomes one too, unless it is an MqslamError.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -183,7 +183,7 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
 
 
 def is_truth(topic: str) -> bool:
-    """Returns whether the name of a topic says that it holds ground truth."""
+    """Returns whether the name of a topic says ground truth: it contains "truth", or "gt" with no letter beside it."""
     return bool(_TRUTH_NAME.search(topic.lower()))
 
 
@@ -244,7 +244,7 @@ class PoseLog:
     frames: dict[str, str] = field(default_factory=dict)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Adds the pose of an odometry or pose message; the poses of a path replace all earlier poses of the topic."""
+        """Adds the pose of an odometry or pose message; the poses of a path replace all poses that the topic has so far."""
         topic = connection.topic
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.msgtype == PATH_TYPE:
@@ -255,7 +255,10 @@ class PoseLog:
         self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
 
     def trajectory(self, topic: str | None) -> Trajectory | None:
-        """Returns the valid poses on a topic by increasing stamp; None if the topic is None or has fewer than two stamps."""
+        """Returns the valid poses on a topic by increasing stamp, of those with equal stamps the last one that was added.
+
+        The result is None if the topic is None, or if its valid poses have fewer than two different stamps.
+        """
         rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
         if len(rows) < 2:
             return None
@@ -263,7 +266,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a list with a note if `trajectory` leaves out a topic or invalid poses on a topic; else an empty list."""
+        """Returns a list with a note if `trajectory` gives None for a topic with poses or drops invalid ones, else []."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]
@@ -278,7 +281,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns a list with a note that `count` invalid poses or transforms, called `which`, are left out; empty for 0."""
+    """Returns a list with a note whose subject is `which`: `count` invalid poses or transforms; empty if `count` is 0."""
     return [f"{which} {is_or_are(count)} left out: {_INVALID}"] if count else []
 
 
@@ -337,7 +340,7 @@ class Bag:
         return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
     def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
-        """Makes a `tf2_msgs/TFMessage` of a frame's pose (3,) x, y [m], yaw [rad] in its parent; frames: parent, frame."""
+        """Makes a `tf2_msgs/TFMessage` of the pose (3,) x, y [m], yaw [rad] of the second of two frames in the first."""
         x, y, yaw = pose.tolist()
         move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
         parent, child = frames

@@ -50,7 +50,10 @@ class StampedCovariances:
 
 
 def write_covariances(path: Path, given: StampedCovariances) -> None:
-    """Writes a CSV row per pose: its stamp [us] and the upper triangle of its covariance in x, y [m] and yaw [rad]."""
+    """Writes a CSV row per pose: its stamp [us] and the upper triangle of its covariance in x, y [m] and yaw [rad].
+
+    The file does not state `of_first_pose`, and `read_covariances` takes it as True.
+    """
     lines = [",".join(_COLUMNS)]
     for stamp, covariance in zip(given.stamps_us.tolist(), given.covariances, strict=True):
         lines.append(",".join([str(stamp), *(f"{term:.12g}" for term in covariance[np.triu_indices(3)])]))
@@ -58,7 +61,7 @@ def write_covariances(path: Path, given: StampedCovariances) -> None:
 
 
 def write_wide(path: Path, trajectory: Trajectory, given: StampedCovariances) -> None:
-    """Writes `t x y z qx qy qz qw` and the 36 terms of the pose's covariance per line, for poses whose covariance is known.
+    """Writes a line per pose whose covariance is known: `t[s] x y z qx qy qz qw` and the 36 terms of the covariance.
 
     The covariance is written as in ROS's PoseWithCovariance: row by row, of x, y, z and the rotations about these axes, in
     the frame of the trajectory. Terms of z, roll and pitch are zero, since the poses are planar.
@@ -75,7 +78,7 @@ def list_known(
 ) -> Iterator[tuple[tuple[int, float, float, float], NDArray[np.float64]]]:
     """Yields each pose whose covariance is known, as (stamp [us], x [m], y [m], yaw [rad]), and its covariance (3, 3).
 
-    The covariances, in x, y [m] and yaw [rad], are in the frame of the trajectory.
+    The covariances, in x, y [m] and yaw [rad], are turned to the axes of the frame in which the trajectory is given.
     """
     turn = float(trajectory.poses[0, 2]) if given.of_first_pose else 0.0
     known = dict(zip(given.stamps_us.tolist(), given.covariances, strict=True))
@@ -85,7 +88,7 @@ def list_known(
 
 
 def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a covariance (3, 3) in x, y [m] and yaw [rad] as the terms (36,) of ROS's PoseWithCovariance, row by row."""
+    """Returns a covariance (3, 3) in x, y [m] and yaw [rad] as the terms (36,) of ROS's PoseWithCovariance; others are 0."""
     whole = np.zeros((6, 6))
     whole[_PLANAR] = covariance
     return whole.reshape(-1)
@@ -95,14 +98,16 @@ def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
-    - CSV as `write_covariances` writes it, in the frame of the first pose.
+    A CSV has them along the axes of the first pose; the other formats have them along those of the trajectory's frame.
+
+    - CSV as `write_covariances` writes it.
     - TUM with more numbers after the pose: the 36 terms of a covariance of x, y, z and the rotations about these axes, the
       21 terms of its upper triangle, or, as OpenVINS writes it, 12 terms: the upper triangles of rotation and position.
     - A ROS bag with one topic of PoseWithCovarianceStamped or, if it has none, one topic of Odometry.
 
     Raises:
         DataError: the file cannot be read, has other columns or a row that is not made of numbers, its stamps do not
-            increase, or the terms of a row do not form a covariance.
+            increase, the terms of a row do not form a covariance, or a bag has no such topic or several.
     """
     if bags.recognises(path):
         return _read_bag(path)
@@ -122,12 +127,12 @@ def read_covariances(path: Path) -> StampedCovariances:
 
 
 def holds_covariances(path: Path) -> bool:
-    """Returns whether a file is TUM with a covariance after each pose."""
+    """Returns whether a path is a file `.tum` or `.txt` whose first pose has the length of TUM with a covariance."""
     return path.suffix in (".tum", ".txt") and path.is_file() and _is_wide(read_lines(path, _REMEDY))
 
 
 def _is_wide(lines: Sequence[str]) -> bool:
-    """Returns whether the lines of a file are TUM with a covariance after the pose."""
+    """Returns whether the first line that is no comment has as many words as TUM with a covariance after the pose."""
     first = next((line for line in lines if line and not line.startswith("#")), "")
     return "," not in first and len(first.split()) in WIDE
 
@@ -150,7 +155,7 @@ def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
 
 
 def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) in x, y and yaw from the terms (36,), (21,) or (12,) that follow a pose."""
+    """Returns the covariance (3, 3) in x, y and yaw from (36,), (21,) or (12,) terms, as in `read_covariances`."""
     if len(terms) == 36:
         return terms.reshape(6, 6)[_PLANAR]
     whole = np.zeros((6, 6))

@@ -25,7 +25,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is a place in the file, for errors.
+    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` names it in errors, such as `line 3`.
 
     Raises:
         DataError: the quaternion is zero.
@@ -42,7 +42,7 @@ def round_yaw(yaw: float) -> float:
 
 
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Marks the rows (N,) of positions or poses (N, D) [m or rad] whose numbers are finite and at most 1e9 in size."""
+    """Marks (...,) the positions or poses (..., D) [m or rad] whose D numbers are all finite and at most 1e9 in size."""
     return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # NaN compares as false
 
 
@@ -50,7 +50,7 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
     """Makes a trajectory of a file's stamps (N,) [us] and poses (N, 3), x [m], y [m], yaw [rad].
 
     Raises:
-        DataError: there are fewer than two poses, a pose is not finite or too far away, or the stamps do not increase.
+        DataError: there are fewer than two poses, a pose is not finite or over 1e9 m away, or the stamps do not increase.
     """
     if len(stamps_us) < 2:
         raise DataError(path, f"holds {count_of(len(stamps_us), 'pose')}", "a trajectory needs at least two poses")

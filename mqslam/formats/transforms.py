@@ -71,7 +71,10 @@ class Mounts:
         return holds_transforms(connection) and connection.topic.rsplit("/", 1)[-1] in (_STATIC, _MOVING)
 
     def add(self, message: Any, topic: str = "/tf_static") -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; a transform on /tf stays only until it first changes.
+        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic.
+
+        A transform on /tf_static replaces what is known of its frame. A transform on /tf is used only for a frame of which
+        nothing is known yet, and it is removed when a later message on /tf states another one for the frame.
 
         Raises:
             ValueError: a quaternion on /tf_static is zero.
@@ -106,7 +109,7 @@ class Mounts:
 
         Args:
             sensor: frame of the sensor.
-            body: frame of the body; "" takes a vehicle's usual frames.
+            body: frame of the body; "" takes base_link or base_footprint, whichever is nearer above the sensor.
 
         Returns:
             The transform, or None if no transforms connect the frames.
@@ -123,7 +126,10 @@ class Mounts:
         return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
-        """Returns whether a sensor's z axis points down in the body's frame or, without a body, in the topmost frame."""
+        """Returns whether a sensor's z axis points down in the body's frame, which is chosen as in `place`.
+
+        If no transforms connect the frames, the topmost frame above the sensor takes the body's place.
+        """
         return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
@@ -188,7 +194,7 @@ class Transforms:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on transforms without stamps, one line per topic, and on transforms that were left out."""
+        """Notes on changing transforms without stamps, one line per topic, and on transforms that were left out."""
         unstamped = {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
         left_out = describe_left_out(self.left_out, count_of(self.left_out, "transform"))
         return Clock(self.clock.read, unstamped).notes + left_out
@@ -197,11 +203,11 @@ class Transforms:
         """Chooses the frame whose trajectory is read.
 
         Args:
-            frame: name of a frame; None takes base_link or base_footprint, or the only moving frame above no other moving
-                frame.
+            frame: name of a frame that moves; None takes, in this order and in any namespace, (1) base_link, (2)
+                base_footprint, (3) the frame whose own transform changes, with no such frame below it.
 
         Raises:
-            ValueError: no such frame moves, or several such frames move.
+            ValueError: the named frame does not move; or, for None, no frame moves or the case that applies has several.
         """
         own = {name for name, link in self.links.items() if link.moves}
         moving = sorted(name for name in self.links if not own.isdisjoint(self._climb(name)))
