@@ -41,7 +41,8 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
     Times are in the unit that the field's name ends in (t_us). Without a unit in the name the largest time decides: it is in
-    nanoseconds above 1e17, in microseconds above 1e14, in milliseconds above 1e11, else in seconds. The `map.ply` of a run
+    nanoseconds above 1e17, in microseconds above 1e14, in milliseconds above 1e11, else in seconds. A field of seconds and
+    one of nanoseconds are joined. Points whose coordinates or time are not finite are left out. The `map.ply` of a run
     states in a comment how long a scan takes, and that of a lidar's run its sensor; in older files the comment also states
     the stamp from which times are counted.
 
@@ -140,7 +141,7 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Returns a note on the steps in which single-precision times (N,) [s] come, or "" if the steps are small.
+    """Returns a note on the steps in which single-precision times (N,), taken as seconds, come; "" if the steps are small.
 
     Raises:
         DataError: the steps are too large to tell one scan from the next.
@@ -213,7 +214,7 @@ def _name_missing(path: Path, library: str) -> DataError:
 
 
 def _load_npz(path: Path) -> Columns:
-    """Loads the arrays of an `.npz` that a cloud needs, and returns them by name; other names have an empty tuple."""
+    """Loads the arrays of an `.npz` that a cloud needs, and returns them by name; others map to (), for errors to list."""
     with npz.open_npz(path, _WANTED) as archive:
         names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]

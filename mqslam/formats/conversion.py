@@ -31,7 +31,7 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
         message: type of the messages in which a bag holds polar scans; ignored for layouts other than bags.
 
     Raises:
-        ConfigError: the layout is unknown, or the path's suffix belongs to another layout.
+        ConfigError: no layout has the name or the path's suffix, or the named layout's files end in another suffix.
     """
     targets = list_targets()
     if name is None:

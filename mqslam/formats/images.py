@@ -48,7 +48,9 @@ def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np
     """Decodes the pixels (rows, columns) of an 8-bit grey image in one of the given formats, by Pillow's names.
 
     Raises:
-        ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or too large for a polar scan.
+        NotGreyError: the image is not 8-bit grey.
+        TooLargeError: the image is too large for a polar scan.
+        ValueError: the image is missing, in none of the formats or damaged.
     """
     from PIL import Image
 
@@ -82,7 +84,11 @@ def check_size(height: int, width: int) -> None:
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:
-    """Lists the stamps t (N,), in any unit, of the images `<t>.png` in a folder in increasing order; ignores other files."""
+    """Lists the stamps t (N,), in any unit, of the images `<t>.png` in a folder in increasing order; ignores other files.
+
+    Raises:
+        DataError: an image is a link that `list_numbers` refuses.
+    """
     names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
     return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
 
@@ -117,7 +123,7 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
         fault for the user if there are such images.
 
     Raises:
-        DataError: at least half of the images could not be read.
+        DataError: not one of the first half of the images could be read.
     """
     errors: list[DataError] = []
     for name in names:

@@ -38,7 +38,7 @@ _COLUMNS = ("x", "y", "z", "intensity")
 
 
 def is_run(path: Path) -> bool:
-    """Returns whether a path is a folder that a run has written."""
+    """Returns whether a path is a folder with the `summary.json` and `trajectory.tum` that a run writes."""
     return all((path / name).is_file() for name in ("summary.json", "trajectory.tum"))
 
 

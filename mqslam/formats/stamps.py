@@ -36,7 +36,7 @@ def time_unit(name: str) -> str | None:
 
 
 def guess_unit(largest: float) -> str:
-    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, ms above 1e11, else s.
+    """Guesses the unit of stamps from their largest or a usual magnitude: ns above 1e17, us above 1e14, ms above 1e11, or s.
 
     Stamps since 1970 lie at 1e9 s, 1e12 ms, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """

@@ -60,14 +60,14 @@ class Header:
 
     @property
     def holds_numbers(self) -> bool:
-        """Whether the line is a row of numbers, since the table has no header."""
+        """Whether the line begins with a finite number, which shows that the table has no header."""
         try:
             return bool(np.isfinite(float(self.names[0])))
         except ValueError:
             return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
-        """Returns the numbers, from 0, of the columns with exactly these names; `remedy` is the advice of the error.
+        """Returns the indices, from 0, of the columns with exactly these names; `remedy` is the advice of the error.
 
         Raises:
             DataError: a column is missing.
@@ -82,14 +82,13 @@ class Header:
 
         Args:
             name: name of the column, after which a unit may follow: `yaw [deg]`, `yaw(deg)`, `yaw_deg`.
-            units: units that the column may have, with their factors.
+            units: units that the column may have, each with the multiplier that converts it to the first of them.
 
         Returns:
-            The column's number, and the factor that converts its cells to the first of the units (1 if the column states no
-            unit); None if no column has the name.
+            The column's index from 0 and the multiplier of its unit (1 if it states none); None if no column has the name.
 
         Raises:
-            DataError: the column states a unit that is not one of `units`.
+            DataError: the column states in brackets a unit that is not one of `units`.
         """
         if name in self.names:
             return self.names.index(name), 1.0
@@ -110,7 +109,11 @@ class Header:
         return None
 
     def find_all(self, wanted: Wanted, remedy: str) -> tuple[list[tuple[int, str]], list[int], NDArray[np.float64]]:
-        """Returns the columns of stamps, as `find_stamps` does, and the numbers and factors (W,) of the W wanted columns.
+        """Finds the columns of stamps and the W wanted columns.
+
+        Returns:
+            (1) what `find_stamps` returns, (2) the indices from 0 of the wanted columns, (3) the multipliers (W,) of their
+            units.
 
         Raises:
             DataError: a column is missing, or states a unit that cannot be converted.
@@ -137,7 +140,10 @@ def split_header(line: str) -> tuple[str, ...]:
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Returns the numbers and units of the columns of stamps: none, one, or two with seconds and nanoseconds."""
+    """Returns (index from 0, unit) of the columns of stamps: none, the first, or one of seconds and one of nanoseconds.
+
+    The unit is as in `time_unit`. There are two columns only if the header names both seconds and nanoseconds.
+    """
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
     return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
@@ -186,13 +192,13 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "", remedy: str = 
 
 
 def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Reads the stamps (N,) [us] and the cells (N, len(columns)) of numbered columns of a CSV with or without a header.
+    """Reads stamps (N,) [us], and the cells (N, len(columns)) of columns by index, of a CSV with or without a header.
 
     The first column holds whole stamps in us or ns, which a float would round. Rows are returned in the order of their
     stamps; of several rows with the same stamp, only the first is kept.
 
     Raises:
-        DataError: a row is too short or holds something other than finite numbers.
+        DataError: the file cannot be read, or a row is too short or holds something other than finite numbers.
     """
     rows = read_rows(path, _REPAIR)
     rows = rows[1:] if rows and not rows[0][0].lstrip()[:1].isdigit() else rows
@@ -287,7 +293,7 @@ def read_sensor_table(
 
     Args:
         header: the first line of the table.
-        columns: numbers of the columns: the stamps first, then the readings.
+        columns: indices of the columns, from 0: the stamps first, then the readings.
         unit: unit of the stamps, one of `UNITS`; "" guesses it from their size.
         parse: by column, a function that converts a word to a number; all other columns are parsed as floats.
 

@@ -63,16 +63,16 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
       [rad], counter-clockwise from x, or qx, qy, qz, qw.
-    - A ROS bag: the only topic of odometry, poses or paths, or the named topic; of a topic of paths only the last message
-      is read. If there is no such topic, or a topic of transforms or a frame is named, the transforms give the poses of a
-      frame in the topmost frame above it.
+    - A ROS bag: the only topic of odometry, poses or paths (of a run's /path and /pose, /path), or the named
+      topic; of a topic of paths only the last message is read. If there is no such topic, or a topic of transforms or a
+      frame is named, the transforms give the poses of a frame in the topmost frame above it.
     - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps in the folder.
 
     Args:
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
         topic: a topic of a bag; None takes the only topic of poses or, if there is none, the transforms.
-        frame: a frame whose poses the transforms of a bag give; None takes base_link, or the only frame that moves.
+        frame: a frame whose poses the transforms of a bag give; None chooses as `mqslam.formats.transforms.Transforms` does.
 
     Raises:
         DataError: the file has none of these formats, holds a value that is not a number, has stamps that do not increase,
@@ -85,7 +85,11 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
 def read_with_notes(
     path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads a trajectory as `read_trajectory` does; also returns notes for the user on how the file was understood."""
+    """Reads a trajectory as `read_trajectory` does; also returns notes for the user on how a bag was understood.
+
+    Raises:
+        DataError: as `read_trajectory` does, or a topic or frame is named for a file that is no bag.
+    """
     if bags.recognises(path):
         _refuse_times(path, times)
         return _read_bag(path, topic, frame)
@@ -174,7 +178,7 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
     Args:
         path: the bag.
         topic: a topic of poses or of transforms; None takes the only topic of poses, or, if there is none, all transforms.
-        frame: a frame whose pose the transforms give; None takes a vehicle's usual frame, or the only frame that moves.
+        frame: a frame whose pose the transforms give; None chooses as `Transforms.choose` does.
     """
     with bags.open_bag(path) as reader:
         filled = [c for c in reader.connections if c.msgcount]
@@ -381,7 +385,10 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
 
 
 def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
-    """Lists the files of poses in a folder, each with the separate file of its stamps or, if there is no such file, None."""
+    """Lists the files of poses in a folder, each with the separate file of its stamps, or None if there is no such file.
+
+    `trajectory.tum` or, without it, `graph.txt` is listed alone. A `tum_NN.txt` without `NN.txt` counts as a file of poses.
+    """
     for whole in ("trajectory.tum", "graph.txt"):
         if (place / whole).is_file():
             return [(place / whole, None)]

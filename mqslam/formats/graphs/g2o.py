@@ -140,15 +140,15 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 
 @untrusted.reads_file
 def read_g2o(path: Path) -> StoredGraph:
-    """Reads a graph of planar poses, or of poses in space.
+    """Reads a graph of planar poses, or of poses in space; the keys of the poses are the numbers of the vertices.
 
-    Comments (`#`) are left out. The vertices that `FIX` names stay fixed; without `FIX` it is the vertex with the lowest
-    number. GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does
-    not know, makes up missing vertices, and accepts any matrix as an information matrix.
+    Comments (`#`) are left out. `held` names the vertices of `FIX` or, without `FIX`, the vertex with the lowest number.
+    GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
+    know, makes up missing vertices, and accepts any matrix as an information matrix.
 
     Raises:
-        DataError: the file cannot be read, has a line of any other kind, an edge to a missing vertex, or an information
-            matrix that is not positive definite.
+        DataError: the file cannot be read, has a line of any other kind, no poses or no edges, a vertex twice, an edge to
+            a missing vertex or to itself, or an information matrix that is not positive definite.
     """
     import gtsam
 
@@ -173,10 +173,10 @@ def read_g2o(path: Path) -> StoredGraph:
 
 @untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
-    """Returns the numbers of the two poses that each edge of a run's graph joins, in file order, and the count of all poses.
+    """Returns the two vertices, counted from 0, of each edge of a run's graph in file order, and the count of all vertices.
 
     Raises:
-        DataError: the file cannot be read or is no graph.
+        DataError: the file cannot be read, or the line of an edge does not name two vertices.
     """
     words = [line.split() for line in read_lines(path, _REMEDY) if line]
     try:
@@ -239,7 +239,7 @@ def _parse_lines(
 
 
 def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int], list[float]]:
-    """Returns the vertices and the numbers of a line; both are empty unless it has `ends` vertices and `count` numbers."""
+    """Returns the vertices and the numbers of a line; both are empty if counts or sizes are wrong."""
     try:
         vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
     except ValueError:

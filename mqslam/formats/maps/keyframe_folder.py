@@ -1,6 +1,6 @@
 """Writes and reads the keyframes of a map as a folder, so that the map can be used without the recordings.
 
-    index.json       format, version, sizes, recordings, and the settings with which places were described
+    index.json       format, version, sizes, recordings, place on the Earth, and settings with which places were described
     keyframes.npy    (K,) one record per keyframe, in the units and frames of `mqslam.core.keyframes.Keyframes`
     points.npy       (M,) one record per return, as `KEYFRAME_POINT` describes; the returns of a keyframe follow each other
     places.npy       (P,) index of the keyframe at each place

@@ -50,7 +50,9 @@ _MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope 
 
 @untrusted.reads_file
 def read_gyroscope_table(path: Path) -> Reading[Gyroscope]:
-    """Reads a gyroscope from a CSV: `t,wx,wy,wz`, or a table of Oxford, Boreas or MulRan.
+    """Reads a gyroscope from a CSV `t,wx,wy,wz` in us and rad/s unless the header states units, or a dataset's table.
+
+    The rates are about x forward, y left, z up. The tables are those of Oxford, Boreas and MulRan.
 
     Raises:
         DataError: the file cannot be read, has none of these forms, or holds fewer than two rows that can be used.
@@ -110,7 +112,7 @@ def write_fixes_csv(path: Path, fixes: Fixes) -> None:
 
 
 def read_transform(file: Path) -> NDArray[np.float64]:
-    """Reads a calibration file of Boreas: a transform (4, 4) of points [m] between the frames in the file's name.
+    """Reads a calibration file of Boreas: `T_a_b.txt` holds the transform (4, 4) of points [m] from frame b to frame a.
 
     Raises:
         DataError: the file cannot be read, or does not hold a rotation and a translation in four rows and columns.
@@ -157,7 +159,7 @@ def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
 
 
 def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
-    """Reads the fixes of Boreas, whose angles are in radians, or in degrees if they are too large for radians."""
+    """Reads the fixes of Boreas, in radians, or in degrees if the median latitude or longitude is too large for radians."""
     table = read_sensor_table(header, header.find(("gpstime", "latitude", "longitude"), _BOREAS_FIXES))
     largest = np.nanmedian(np.abs(table.columns), axis=0) if np.isfinite(table.columns).any(axis=0).all() else np.zeros(2)
     in_radians = bool(largest[0] <= np.pi / 2 and largest[1] <= np.pi)
@@ -200,7 +202,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads the status (1 in a good row, else NaN) and the named columns; also returns a list of notes on other rows."""
+    """Reads the status (1 in a good row, else NaN) and the named columns; also notes how many rows are not good."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}

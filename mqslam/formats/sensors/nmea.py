@@ -35,9 +35,9 @@ _DAMAGE = (ValueError, IndexError, OverflowError)
 def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     """Reads the fixes of an NMEA log, with stamps in UTC.
 
-    A GGA sentence states only the time of day. The day comes from the RMC or ZDA sentence before it or, if there is none,
-    from the first such sentence after it. In a log without RMC and ZDA, the first fix is taken to lie as near to the
-    recording's start as its time of day allows.
+    A GGA sentence states only the time of day. Of all instants with this time of day, the nearest to a known stamp is taken:
+    (1) to the last fix, RMC or ZDA before the sentence; (2) if there is none, to the first RMC or ZDA after it; (3) for the
+    first fix in a log without RMC and ZDA, to the recording's start.
 
     Args:
         path: the log; anything before the $ of a line is left out.
@@ -102,7 +102,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
 
 def _list_sentences(path: Path) -> Iterator[tuple[str, list[str], bool]]:
-    """Yields for each sentence of a log its kind, such as GGA, its fields, and whether its checksum is right."""
+    """Yields for each sentence of a log its kind, such as GGA, its fields, and whether its checksum and length are right."""
     with open_lines(path, _REMEDY, "ascii", "replace") as lines:
         for line in lines:
             _, dollar, sentence = line.partition("$")

@@ -28,10 +28,10 @@ _Read = TypeVar("_Read")
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[_Sensor]):
-    """The readings of a sensor, or of all sensors that a run uses, with sentences for the user.
+    """The readings of a sensor, or the `Sensors` that a run uses, with sentences for the user.
 
     Args:
-        sensor: the readings; None where a run uses no sensor.
+        sensor: the readings; None if a run uses no sensor of this kind.
         notes: sentences on how the readings were understood.
         faults: sentences on rows that were left out, or on why the sensor is not used.
     """
@@ -69,7 +69,8 @@ def add_beside(
     """Returns a recording with its other sensors and trajectories added; what cannot be used is left out, with a fault.
 
     Args:
-        recording: the recording; its notes come first, and its own trajectories stay where `truth` or `odometry` reads none.
+        recording: the recording; its notes come first. Its own trajectories stay where `truth` or `odometry` reads none, but
+            its gyroscope, fixes and mount are always replaced, by None where none is read.
         gyroscope: reads the gyroscope, returns None if there is no gyroscope, or raises a DataError if it cannot be used.
         fixes: reads the GNSS fixes in the same way.
         mount: reads the radar's mount in the same way.
@@ -178,7 +179,7 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Marks the rows (N,) of a table that are sound and whose stamps increase; also returns faults about all other rows.
+    """Marks the sound rows (N,) whose stamps increase, as many as possible; also returns faults about all other rows.
 
     Args:
         source: where the rows come from, for the faults.
@@ -199,7 +200,7 @@ def _choose_rows(
 
 
 def _note_unit(gyroscope: Gyroscope) -> list[str]:
-    """Returns a list with a note if the yaw rates are too fast for a vehicle, probably in deg/s; else an empty list."""
+    """Returns a list with a note if more than `_SPIKES` of the yaw rates are too fast for a vehicle, else an empty list."""
     usual = float(np.quantile(np.abs(gyroscope.rates[:, 2]), 1.0 - _SPIKES))
     if usual <= _FASTEST_TURN:
         return []

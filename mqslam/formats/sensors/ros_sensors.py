@@ -38,7 +38,7 @@ _NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set th
 
 @dataclass(slots=True)
 class _Rows:
-    """The messages on a topic: a stamp [us] and three numbers of each, and the number of damaged messages."""
+    """The messages on a topic: of each a stamp [us] and three values (see `RosSensors.rows`); damaged ones are counted."""
 
     stamps: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -64,7 +64,8 @@ class RosSensors:
         fix_topic: topic of the GNSS receiver, or None.
         others: further topics of gyroscopes and GNSS receivers, which are not read.
         transform_topics: topics of transforms; only transforms that never change are used.
-        rows: by topic, turn rates about x, y, z [rad/s], or latitude, longitude [degrees] and standard deviation [m].
+        rows: by topic, turn rates about x, y, z [rad/s], or latitude, longitude [degrees] and standard deviation [m],
+            which is NaN if the message does not state it.
         imu_frame: name of the gyroscope's frame; "" until a message names the frame.
         unfixed: number of GNSS messages without a fix.
         unstated: number of GNSS messages that do not state whether they have a fix.
@@ -85,7 +86,10 @@ class RosSensors:
 
     @classmethod
     def choose(cls, reader: AnyReader) -> RosSensors:
-        """Chooses for each sensor the topic with most messages; fixes of ground truth only if there are no other fixes."""
+        """Chooses for each sensor the topic with most messages.
+
+        A topic named like ground truth is never chosen for the gyroscope, and for fixes only if they have no other topic.
+        """
         imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not bags.is_truth(topic)]
         receivers = _rank_topics(reader, FIX_TYPE)
         transforms = tuple(dict.fromkeys(c.topic for c in reader.connections if Mounts.reads(c)))
@@ -200,7 +204,7 @@ def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
-    """Returns an iterator per sensor of a recording: over stamp [us], connection and message, in the order of the stamps."""
+    """Returns iterators over (stamp [us], connection, message) by increasing stamp: of mount, gyroscope, fixes, if any."""
     lists = []
     if recording.mount is not None:
         lists.append(_list_mount(bag, recording.mount, recording.start_us))
