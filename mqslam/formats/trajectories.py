@@ -72,7 +72,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
         topic: a topic of a bag; None takes the only topic of poses or, if there is none, the transforms.
-        frame: a frame whose poses the transforms of a bag give; None chooses as `mqslam.formats.transforms.Transforms` does.
+        frame: a frame whose poses the transforms of a bag give; None: as in `mqslam.formats.transforms.Transforms.choose`.
 
     Raises:
         DataError: the file has none of these formats, holds a value that is not a number, has stamps that do not increase,

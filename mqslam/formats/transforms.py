@@ -204,7 +204,7 @@ class Transforms:
 
         Args:
             frame: name of a frame that moves; None takes, in this order and in any namespace, (1) base_link, (2)
-                base_footprint, (3) the frame whose own transform changes, with no such frame below it.
+                base_footprint, (3) the only frame whose own transform changes with no such frame below it.
 
         Raises:
             ValueError: the named frame does not move; or, for None, no frame moves or the case that applies has several.
