@@ -3,8 +3,8 @@
 The graph also gives the uncertainty of a submap's layout: the poses of the submap's scans in the frame of its central scan.
 If the trajectory misplaces the scans before and after the central scan, the submap as a whole is off by the mean of these
 errors. The score of two passes does not show this. The mean is small where the motions of the trajectory are certain, or
-where the errors before and after the central scan cancel. The errors do not cancel at the beginning of a recording, or where
-the vehicle stands while the yaw of the trajectory drifts.
+where the errors before and after the central scan cancel. They do not cancel at the beginning of a recording, or where the
+vehicle stands while the yaw drifts.
 
 Two loops that lie close to each other must agree: the first loop, carried along the trajectory, must predict the second loop
 (pairwise consistency).
@@ -72,10 +72,10 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """The uncertainty of the two submaps of a pair, which errors of the scans' poses within each submap cause.
+    """The layout uncertainty of the submaps of an earlier and a later pass, as the module's docstring explains it.
 
     Args:
-        earlier, later: (3, 3) covariance of each submap as a whole in its own frame [m, m, rad].
+        earlier, later: (3, 3) covariance of the error of each submap as a whole, in the submap's own frame [m, m, rad].
     """
 
     earlier: NDArray[np.float64]
@@ -93,11 +93,11 @@ class SubmapLayout(NamedTuple):
 
 
 def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[SubmapLayout]:
-    """Computes the layout uncertainty of both submaps for pairs of an earlier and a later scan.
+    """Computes the layout uncertainty of both submaps of each pair; returns one result per pair, in the same order.
 
     Args:
         chain: the trajectory along which the submaps are rendered.
-        pairs: numbers of the central scans of the two submaps of each pair.
+        pairs: numbers (earlier, later) of the central scans of the two submaps of each pair.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -110,8 +110,9 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
     """Returns the layout covariance (3, 3) [m, m, rad] of the submap around each central scan, by the number of this scan.
 
-    Each side of the central scan is weighted by its share of the submap's scans, and all scans of a side are taken to have
-    the uncertainty of the farthest one. `reach_m` is the path [m] from the central scan to either end of the submap.
+    All scans before the central scan are taken to have the first scan's error, and all scans after it the last scan's error.
+    Both errors are weighted by the shares of the submap's scans that they stand for. `reach_m` is the path [m] from the
+    central scan to either end of the submap.
     """
     sides = []
     for centre in sorted(set(centres)):
@@ -134,13 +135,13 @@ LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
-    """Returns the squared difference of two independent estimates of one pose, in units of the difference's covariance."""
+    """Returns the squared Mahalanobis distance of two independent estimates of one pose, in one frame."""
     off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 
 def as_relative(loop: Loop) -> Relative:
-    """Converts a loop to a relative pose whose covariance includes the error that bent submaps cause."""
+    """Converts a loop to a relative pose; adds the error of submaps that a wrong trajectory bends to the covariance."""
     return Relative(loop.pose, add_bend(loop.covariance))
 
 

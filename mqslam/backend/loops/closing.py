@@ -95,14 +95,14 @@ def find_candidates(
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
-    A pair is a candidate if the distance of its scans, minus the uncertainty of this distance, is so short that both passes
-    see the same objects. Only the nearest `_PASSES` earlier passes are taken, each with its nearest scan. A pair is left out
-    if a neighbouring pair has been tried.
+    A pair is a candidate if the distance of its scans, minus `_SIGMAS` standard deviations of it, is so short that both
+    passes see the same objects. Only the nearest `_PASSES` earlier passes of a later scan are taken, each with its nearest
+    scan. A pair is left out if it or a neighbouring pair has been tried.
 
     Args:
         chain: the trajectory, with its uncertainty.
-        tried: pairs that are not taken again.
-        groups: (N,) group of each scan, if only pairs of different groups are wanted; None takes all pairs.
+        tried: pairs (earlier, later) that have been tried.
+        groups: (N,) number of each scan's group, if only pairs of different groups are wanted; None takes all pairs.
 
     Returns:
         The candidates, and the pairs that cannot be compared because their relative pose is too uncertain for the search.
@@ -120,10 +120,10 @@ def find_candidates(
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
 
     def stretch(pair: tuple[int, int]) -> tuple[float, float]:
-        """Returns the two coordinates [m] by which pairs are compared: the lengths of path up to their two scans.
+        """Returns coordinates [m] in which neighbouring pairs are at most `least_path_m` apart.
 
-        The later scan's is multiplied by _TRIED_FACTOR, so that pairs are neighbours only if their later scans are nearer to
-        each other, by this factor, than their earlier scans must be.
+        The first coordinate is the length of the path up to the earlier scan. The second one is the length up to the later
+        scan times _TRIED_FACTOR, since neighbours must lie closer to each other by this factor along the later pass.
         """
         return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
 
@@ -210,7 +210,7 @@ class CandidateScore(NamedTuple):
     """The result of the registration of a candidate by psi.
 
     Args:
-        loop: the loop, or None where psi does not confirm it.
+        loop: the loop; None unless psi confirms it and the trajectory allows it.
         ambiguous: whether the passes match at several places that the trajectory allows.
         implausible: whether the passes match only at a place that the trajectory rules out.
     """
@@ -268,7 +268,7 @@ def confirm_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """Returns the loops with which psi of their two passes is lower than without loops, or hardly higher.
+    """Returns the loops with which psi of their two passes is lower than without loops, or hardly higher (see `_KEPT`).
 
     Args:
         loops: all loops in the graph.
@@ -295,9 +295,12 @@ def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam]
     The submaps are rendered only once, so that the trajectories differ only in the relative pose of the submaps.
 
     Args:
-        shared: scans under the trajectory with which the submaps are rendered; the poses (N, 3) [m, m, rad] of the scans
-            under each trajectory that is scored; settings of the score; and the sensor's errors.
+        shared: (1) scans under the trajectory with which the submaps are rendered, (2) for each trajectory that is scored,
+            the poses (N, 3) [m, m, rad] of the scans, (3) settings of the score, (4) the sensor's errors.
         loop: the loop.
+
+    Returns:
+        One value per trajectory, in the order of `shared`.
     """
     drive, tracks, estimator, beam = shared
     reference, query = render_passes((drive, loop.earlier), (drive, loop.later), beam)
@@ -307,7 +310,7 @@ def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam]
 
 
 class LoopCloser:
-    """Searches for loops. A loop must be confirmed by psi, fit the trajectory and neighbouring loops, and improve the map.
+    """Searches for loops that psi confirms, that fit the trajectory and neighbouring loops, and hardly worsen the map.
 
     Args:
         problem: the trajectory to which loops are added.
@@ -316,7 +319,7 @@ class LoopCloser:
         beam: the sensor's errors.
         runner: gives the engine that compares scans, and reports progress.
         before: scans under the trajectory before any loop; None takes the trajectory of the first optimisation.
-        groups: (N,) group of each scan, if only loops between different groups are wanted; None searches for all loops.
+        groups: (N,) number of each scan's group, if only loops between different groups are wanted; None searches for all.
 
     Attributes:
         loops: the loops that have been added to the trajectory and kept.
@@ -369,7 +372,7 @@ class LoopCloser:
         return out_of_reach
 
     def look_everywhere(self) -> bool:
-        """Recognises places that the search around the trajectory does not reach; returns whether loops were added.
+        """Recognises places that the search around the trajectory does not reach; returns whether new loops were kept.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -413,14 +416,14 @@ class LoopCloser:
         self.join(first)
 
     def join(self, new: Sequence[Loop]) -> None:
-        """Adds new loops to the trajectory, and then drops each loop, old or new, that makes the map worse."""
+        """Adds new loops to the trajectory, and then keeps those loops, old or new, that `confirm_by_map` returns."""
         loops, before = [*self.loops, *new], self._before
         assert before is not None  # it was given, or set when the trajectory was optimised
         after = self._problem.solve_poses(loops)
         self.loops = confirm_by_map(loops, before, after, self._estimator, self._beam, self._runner.engine)
 
     def conclude(self) -> LoopSearch:
-        """Returns the loops that were kept, and the counts of compared and rejected pairs of scans."""
+        """Returns the kept loops with the counts of compared and rejected pairs of scans, and writes them to the log."""
         ambiguous, implausible = self._ambiguous + len(self._alike), len(self._implausible | self._elsewhere)
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
@@ -428,20 +431,22 @@ class LoopCloser:
         return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
 
     def _compare(self, chain: Chain) -> list[Loop]:
-        """Compares passes around a trajectory; returns the new loops that psi confirms and the trajectory allows."""
+        """Compares passes around a trajectory; returns the new loops that psi confirms and the trajectory allows.
+
+        Only implausible pairs are compared again in the next round, whose trajectory may allow them.
+        """
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
         scores = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
         self._implausible = {c[:2] for c, score in zip(candidates, scores, strict=True) if score.implausible}
         self._compared |= {c[:2] for c in candidates}
-        # the implausible pairs stay open: a trajectory that loops have corrected may allow them
         self._decided |= {c[:2] for c in candidates} - self._implausible
         self._ambiguous += sum(score.ambiguous for score in scores)
         self._unsure = len(unsure)
         return [score.loop for score in scores if score.loop is not None]
 
     def _optimise(self) -> Chain:
-        """Returns the trajectory optimised with the loops found so far, with its graph."""
+        """Returns the trajectory, optimised with the loops found so far; the first one replaces a missing `before`."""
         graph, optimum = self._problem.optimise(self.loops)
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
@@ -458,6 +463,9 @@ def find_loops(
     recognising: bool = True,
 ) -> LoopSearch:
     """Searches for the loops of a run with a `LoopCloser`.
+
+    Loops by recognition bring further places within reach of the search around the trajectory. The two alternate, at most
+    `ROUNDS` times, until no place is out of reach or recognition adds no loop.
 
     Args:
         scans: scans of the recording.

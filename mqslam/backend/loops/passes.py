@@ -1,4 +1,7 @@
-"""Renders submaps from scans under a trajectory, and finds pairs of scans in which two passes may show the same place."""
+"""Renders submaps from scans under a trajectory, and finds pairs of scans in which two passes may show the same place.
+
+A submap holds the returns of some scans around a central scan. The pose graph's submaps (`backend.submaps`) are others.
+"""
 
 from __future__ import annotations
 
@@ -114,7 +117,7 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
 
 
 def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> PointSet:
-    """Renders a submap: the returns of the scans around a central scan, in the frame of the central scan.
+    """Renders a submap: the returns of scans about SPACING_M apart around a central scan, in the central scan's frame.
 
     Args:
         drive: scans under a trajectory.
@@ -152,18 +155,19 @@ def find_passes(
     least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
-    """Finds, for poses along a path, the nearest pose of each earlier pass, as pairs of indices (earlier, later).
+    """Finds the nearest pose of each earlier pass, for poses along a path; only poses about `spacing_m` apart take part.
 
     Args:
         travelled: (N,) length of the path up to each pose [m].
         poses: (N, 3) poses along the path [m, m, rad].
-        spacing_m: path [m] between the poses for which earlier passes are searched.
+        spacing_m: path [m] between the poses that take part.
         least_path_m: two poses belong to different passes if the path [m] between them is longer than this.
         reach_m: returns the largest distance [m] between the two poses of a pair, given the path between them [m]; the
             distance must not decrease as the path grows.
 
     Returns:
-        For each later pose the list of its pairs, the nearest pass first; an empty list without an earlier pass.
+        For each pose that takes part, in the order of the path, a list of pairs of indices (earlier, later) into all poses:
+        one pair for each earlier pass, the nearest pass first. The list is empty without an earlier pass.
     """
     nodes = pick_spaced(travelled, spacing_m)
     travelled, xy = travelled[nodes], poses[nodes, :2]

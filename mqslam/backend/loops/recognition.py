@@ -1,11 +1,11 @@
 """Recognises places by their appearance: finds the place that a submap shows, without knowing roughly where it lies.
 
-A place is described by the numbers of returns in rings and sectors around it. A submap is registered by psi on the
-places that look most like it. A single place may match another one by chance, but it is unlikely that several successive
-submaps match successive places by chance. Streets that look alike are an exception: there a submap matches several places,
-and all of these matches are rejected.
+A place is described by the counts of returns in rings and sectors around it. psi registers a submap on the places that look
+most like it. A single place may match another one by chance, but several successive submaps hardly match successive places
+by chance. Streets that look alike are an exception: there a submap matches several places, and all these matches are
+rejected.
 
-Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not measure.
+Source: Scan Context (Kim and Kim, IROS 2018), with counts of returns in place of heights, which a radar does not measure.
 From another lane, returns lie in other rings and sectors. A submap is therefore described from several positions to the left
 and right of its centre.
 """
@@ -55,7 +55,7 @@ DESCRIBED_WITH: Final = {
 
 
 def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
-    """Describes places along a path.
+    """Describes a place every PLACE_SPACING_M along a path.
 
     Args:
         drive: scans under a trajectory.
@@ -97,7 +97,7 @@ def _render(shared: tuple[Passes, Beam], place: int) -> PointSet:
 
 
 def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.float32]:
-    """Describes a place by the square roots of the numbers of returns in rings and sectors, scaled to unit norm.
+    """Describes a place by the square roots of the counts of returns in rings and sectors, scaled to unit norm.
 
     Args:
         points: (N, 2) m, in a frame at the place.
@@ -139,7 +139,7 @@ class Guess(NamedTuple):
     """A place that looks like a submap.
 
     Args:
-        place: number of the place in the index.
+        place: index of the place in the `PlaceIndex`.
         pose: (3,) pose of the submap's frame in the place's frame, as the descriptors show it [m, m, rad].
         likeness: correlation of the two descriptors, at most 1.
     """
@@ -166,12 +166,12 @@ class PlaceIndex:
     def look_up(
         self, queries: Sequence[NDArray[np.float64]], allowed: NDArray[np.bool_], apart: Sequence[NDArray[np.int64]]
     ) -> list[list[Guess]]:
-        """Returns for each submap the places that look most like it, the likeliest first.
+        """Returns for each submap at most `_GUESSES` places that look most like it, the likeliest first.
 
         Args:
             queries: (N, 2) points of each of Q submaps, in the submap's own frame [m].
             allowed: (Q, P) whether the place of a column may be an answer to the query of a row.
-            apart: for each place, the numbers of the places that count as the same place, with itself among them. Of these
+            apart: for each place, the indices of the places that show the same returns, with itself among them. Of these
                 places, only the likeliest is returned.
         """
         steps = int(ASIDE_M / _ASIDE_STEP_M)
@@ -254,7 +254,8 @@ class Recognition:
 
     Args:
         rows: groups of at least `ROW` matches that agree, in each group in the order of the drive.
-        ambiguous: numbers of the central scans of submaps that match several places about equally well.
+        ambiguous: numbers of the central scans of submaps that match at several poses about equally well, at one place or at
+            several.
         compared: number of pairs of a submap and a place that psi has compared.
     """
 
@@ -319,6 +320,9 @@ def recognise(
 ) -> Recognition:
     """Finds the places that submaps of a drive show, without knowing roughly where the submaps lie in the map.
 
+    `PlaceIndex` guesses places for each submap. To save time, psi registers a guess only if it agrees with the guess of
+    another submap. The best match of each submap is chosen, and matches that agree are grouped.
+
     Args:
         drive: scans under a trajectory that is accurate over short distances.
         queries: (Q,) numbers of the central scans of the submaps that are looked up, in the order of the path.
@@ -355,17 +359,18 @@ def _find_agreeing(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Finds which of the given pairs agree with each other.
 
-    Two pairs agree if the motion between their later scans is the same in the drive and in the map, where each pair places
-    its later scan.
+    Each pair places its later scan in the map. Two pairs agree if the motion between their later scans is the same there and
+    in the drive. Pairs with the same later scan, or with more than `_GAP_M` of path between, are not compared.
 
     Args:
         pairs: the pairs, in the order of their later scans.
         drive: the later scans.
         mapped: the earlier scans.
-        slack: largest disagreement [m], [rad]; a share of the path between the later scans is added to the distance.
+        slack: largest disagreement in position [m], to which a share of the path between the later scans is added, and in
+            yaw [rad].
 
     Returns:
-        For each two pairs that agree, the index of the first pair (M,) and the index of the second pair (M,).
+        Two arrays (M,): the indices of the first and of the second pair of each two pairs that agree.
     """
     queries, found = np.array([pair.later for pair in pairs], dtype=np.int64), _place(pairs, mapped)
     along, poses = drive.travelled[queries], drive.poses[queries]
@@ -386,8 +391,8 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
     """Registers a submap on a place by psi.
 
     Returns:
-        The match, and whether no other pose around the place fits about as well; None if the submap does not match or the
-        pose is too uncertain.
+        The match, and whether no other pose around the place fits about as well; None if the submap does not match, the pose
+        is too uncertain, or there are too few returns.
     """
     drive, mapped, estimator, beam = shared
     submaps = render_passes((mapped, pair.earlier), (drive, pair.later), beam)
@@ -401,7 +406,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses the best match of each submap that fits only one place.
+    """Chooses the match with the lowest psi of each submap that fits at only one pose.
 
     Args:
         matches: matches, each with whether no other pose around its place fits about as well.
@@ -409,7 +414,7 @@ def _choose(
         estimator: settings of the score.
 
     Returns:
-        The chosen matches, and the numbers of the central scans of the submaps that fit several places.
+        The chosen matches, and the numbers of the central scans of the submaps that fit at several poses.
     """
     chosen, ambiguous = [], []
     for query in sorted({match.later for match, _ in matches}):
@@ -425,7 +430,10 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Groups matches that agree, and returns the groups of at least `ROW` matches; there is at most one match per submap."""
+    """Groups matches that agree, directly or through others; returns the groups of at least `ROW` matches.
+
+    The matches must be in the order of the drive, with at most one per submap.
+    """
     if not matches:
         return []
     i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))

@@ -1,7 +1,7 @@
 """Registers one submap on another by psi: searches all poses near a guess, then minimises psi and estimates the covariance.
 
-The search correlates the two submaps as images at several yaws. psi is then minimised from the guess and from the best peaks
-of the correlation, and the pose with the lowest psi is chosen.
+The search correlates the submaps as images at several yaws. psi is then minimised from the guess and the best peaks of the
+correlation, and the pose with the lowest psi is chosen.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ class Alignment:
         covariance: (3, 3) covariance of the pose, in the reference's frame [m, m, rad].
         matched: share of the query's points that have a neighbour in the reference.
         psi: psi per point of the query at the pose.
-        rival: psi per point at the best other pose in the searched region; infinite if there is no other pose.
+        rival: psi per point at the best other minimum in the searched region, farther away from the pose than
+            `compute_same_m`; infinite if there is none.
         observed: whether the submaps determine the pose in every direction.
-        rivals: (R, 3) other poses that fit about as well as the best pose [m, m, rad]: their score is worse by less than the
-            factor RIVAL, or by less than chance explains. Empty if rivals were not asked for.
+        rivals: (R, 3) those of the other minima that fit about as well as the best pose [m, m, rad]: their psi is less than
+            RIVAL times as large, or larger only by chance. Empty if rivals were not asked for.
     """
 
     pose: se2.Array
@@ -76,8 +77,8 @@ def align(
         guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
-        rival_sigmas: another pose is a rival unless it scores worse than the best pose by this many standard deviations;
-            None if rivals need not be known.
+        rival_sigmas: a pose whose psi is larger by at most this many standard deviations is larger only by chance, and
+            belongs to the `rivals`; None leaves `rivals` empty.
 
     Returns:
         The registration; if no minimum lies within the reach, it has the guess as pose, no matched points and infinite psi.
@@ -144,7 +145,7 @@ def _pick_rivals(
 
 
 def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """Returns psi per point of the query among the references, with the query at a pose (3,) in the references' frame."""
+    """Returns psi per point of the query among the references, with the query at a pose (3,) in their frame [m, m, rad]."""
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
@@ -178,7 +179,7 @@ def does_match(alignment: Alignment, matched: float) -> bool:
 
 
 def is_unrivalled(alignment: Alignment, matched: float) -> bool:
-    """Returns whether two passes match and no other pose fits about as well; takes the arguments of `does_match`."""
+    """Returns whether two passes match and `rival` is at least RIVAL times psi; takes the arguments of `does_match`."""
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 
