@@ -127,8 +127,8 @@ def _make_room(system: Blocks, more: int) -> Blocks:
 def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[np.int64], variable: int, block: int) -> None:
     """Appends a block to the list of the blocks that wait for the elimination of a variable.
 
-    `head` and `tail` give the first and the last block in the list of each variable, and `following` gives the next block
-    after each block; -1 stands for no block.
+    A block waits for that of its variables which is eliminated first. `head` and `tail` give the first and the last block in
+    the list of each variable, and `following` gives the next block after each block; -1 stands for no block.
     """
     if head[variable] < 0:
         head[variable] = block
@@ -199,8 +199,8 @@ def _stack(
 def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the upper triangular matrix R (min(m, k), k) of the QR decomposition of a matrix.
 
-    The rows are first sorted by size, the largest first. Householder's reflections of the sorted rows lose no digits of
-    small rows to large rows.
+    The rows are first sorted by their largest absolute entries, in decreasing order. Householder's method then keeps the
+    digits of rows with small entries, which rounding errors of rows with large entries would otherwise hide.
 
     Args:
         entries: (m, k) matrix A; R^T R equals A^T A.
@@ -238,7 +238,7 @@ def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @nb.njit(cache=True, nogil=True)
 def _append(flat: NDArray[np.float64], used: int, more: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Writes numbers into an array after its first `used` entries; returns the array, or a larger copy if it is full."""
+    """Writes `more` into an array after its first `used` entries; returns the array, or a larger copy if it is full."""
     if used + len(more) > len(flat):
         larger = np.empty(2 * (used + len(more)), flat.dtype)
         larger[:used] = flat[:used]
@@ -267,7 +267,7 @@ def project_all(
         columns: (m,) column of each entry of R.
         entries: (m,) entries of R that may differ from zero, row by row; in each row the diagonal entry comes first.
         ends: (K + 1,) index in `blocks` at which the rows of each function's D^T begin, and the index after the last row.
-        places: (r,) index in D^T of each row in `blocks`.
+        places: (r,) for each row of `blocks`, its row number in D^T.
         blocks: (r, 3) the rows of all D^T that are not zero, function by function.
     """
     covariances = np.zeros((len(ends) - 1, 3, 3))
@@ -315,7 +315,8 @@ class Elimination:
         linear: the linearised graph; its variables may be of any kind.
         values: values at which the graph was linearised.
         last: key of the variable that is eliminated last.
-        noise: generator of random numbers, which change the last digits of all coefficients; None changes nothing.
+        noise: generator of random numbers, which change the last digits of all coefficients to reveal rounding errors; None
+            changes nothing.
 
     Raises:
         EstimationError: the graph does not determine all its variables.
@@ -391,8 +392,8 @@ class Elimination:
     def project(self, derivatives: Sequence[Derivative]) -> _Array:
         """Returns the covariances (K, 3, 3) of K functions (3,) of the variables, given the derivatives of each function.
 
-        In the eliminated system, R x is noise of unit variance, so that D x has the covariance of D R^-1 noise. Only the
-        variables in D contribute, and the variables that these depend on, directly or through others.
+        A function is linearised as D x. In the eliminated system, R x is noise of unit variance, so that D x has the
+        covariance of D R^-1 noise. To this, only the variables in D and those on which they depend contribute.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
@@ -418,7 +419,10 @@ class Elimination:
 
 
 def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
-    """Returns the rows of a linearised graph, one block per factor; `numbers` gives the number of a variable by its key."""
+    """Returns the rows of J of a linearised graph, one block per factor, without z, which does not influence covariances.
+
+    `numbers` gives each variable's position in the order of elimination by its key.
+    """
     factors = [linear.at(k) for k in range(linear.size())]
     variables = [[numbers[key] for key in factor.keys()] for factor in factors]
     jacobians = [factor.jacobian()[0] for factor in factors]

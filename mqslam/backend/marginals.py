@@ -30,7 +30,7 @@ class PoseCovariances:
     """Marginal covariances of some poses.
 
     Args:
-        indices: (K,) numbers of the poses; empty if the covariances cannot be computed.
+        indices: (K,) numbers of the scans whose poses they are; empty if the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
         failure: why the covariances cannot be computed; None if they are computed.
     """
@@ -125,8 +125,8 @@ class Uncertainty:
     def compute_twice(self, compute: Callable[[Elimination], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Computes covariances (K, 3, 3), and checks them by a second computation from the other end of the trajectory.
 
-        In the second computation the last digits of all numbers are changed at random, so that rounding errors show as
-        differences between the two results.
+        In the second computation the last digits of all coefficients are changed at random, so that rounding errors show as
+        differences between the two results. The first result is returned.
 
         Args:
             compute: returns the covariances from the eliminated graph.
@@ -240,7 +240,7 @@ class RelativeCovariances(Protocol):
             pairs: numbers (first, second) of K pairs of poses.
 
         Returns:
-            (K, 3, 3) covariances in the frame of the second pose [m, m, rad]; None where they cannot be computed.
+            (K, 3, 3) covariances in the frame of the second pose [m, m, rad]; None if any of them cannot be computed.
         """
 
 
@@ -251,7 +251,7 @@ class GraphCovariances:
     Args:
         graph: the graph; the trajectory is its optimum.
         values: the optimised values.
-        numbers: (S,) number of each pose in the graph.
+        numbers: (S,) number of the graph's scan to which each pose of the trajectory belongs.
         poses: (S, 3) poses of the trajectory [m, m, rad], in any fixed frame.
     """
 
@@ -261,7 +261,7 @@ class GraphCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Computes the covariances (K, 3, 3) of the second pose of each pair, as `RelativeCovariances.relate` does."""
+        """Computes covariances (K, 3, 3) as `RelativeCovariances.relate` does: in the frames of the second poses."""
         inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
         try:
             covariances = Uncertainty(self.graph, self.values).relate(inside)
@@ -289,7 +289,7 @@ class SingleCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Computes the covariances (K, 3, 3) of the second pose of each pair, as `RelativeCovariances.relate` does."""
+        """Computes covariances (K, 3, 3) as `RelativeCovariances.relate` does; they can always be computed."""
         related = []
         for a, b in pairs:
             lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))

@@ -1,4 +1,4 @@
-"""Builds the pose graph, whose variables are the poses of scans and submaps, and optimises it by GTSAM."""
+"""Builds the pose graph from the poses of scans and submaps and from other sensors' variables, and optimises it by GTSAM."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ _LEFT_OUT = 3.0
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the starting values of these poses.
+    """A GTSAM graph that contains the poses of n scans, with the starting values of all its variables.
 
     Args:
-        factors: the GTSAM graph, which includes the prior on x0.
+        factors: the factors. In a graph by `build_pose_graph`, the poses of submaps have the keys m0 .., and a prior holds
+            the first scan's pose x0.
         initial: starting values of all variables.
         size: number of scans n.
         key: returns the key of a scan, given its number; by default x0 .. x(n-1).
@@ -98,8 +99,11 @@ def optimise(graph: PoseGraph) -> Optimum:
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
-    far from the optimum. If a loop ends with hardly any influence, the graph is optimised again with Huber's loss for loops,
-    and from there with its own losses. The better one of the two optima is returned.
+    far from the optimum.
+
+    By Cauchy's loss, even a right loop has hardly any influence if the starting values are far off. If a loop ends so, the
+    graph is optimised again with Huber's loss for loops, and from there with its own losses. Of the first and the last
+    optimum, the one with the smaller error is returned.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)
@@ -133,7 +137,10 @@ def _pull_firmly(factors: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGr
 
 
 def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> se2.Array:
-    """Returns the poses (n, 3) of the scans, x [m], y [m] and unwrapped yaw [rad]; poses in space are seen from above."""
+    """Returns the poses (size, 3) of the variables key(0) .. key(size - 1): x [m], y [m] and unwrapped yaw [rad].
+
+    By default these are the poses of scans. Poses in space are seen from above.
+    """
     poses = np.array([pose_of(values, key(k)) for k in range(size)])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses

@@ -1,4 +1,8 @@
-"""Builds the pose graph from measurements, odometry and other sensors; loops and the refinement's ties can be added."""
+"""Builds the pose graph from measurements, odometry and other sensors; loops and the refinement's ties can be added.
+
+Two kinds of ties occur. The argument `ties` holds the refinement's registrations of scans on earlier passes. `Submaps.ties`
+connect the successive submaps into which the front end's map is divided.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +35,15 @@ class GraphProblem(ABC):
         """Returns the graph with the given loops, and with the given ties, which the refinement has measured."""
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with the given loops and ties, and its optimum."""
+        """Returns the graph with the given loops and ties, and its optimum.
+
+        If the optimisation fails, the optimum has the starting values and the reason; `GivenGraph` raises an error instead.
+        """
         graph = self.build_graph(loops, ties)
         return graph, optimise(graph)
 
     def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> se2.Array:
-        """Returns the poses (N, 3) of the scans, optimised with the given loops and ties [m, m, rad]."""
+        """Returns the poses (N, 3) [m, m, rad] of the scans in the optimum that `optimise` returns."""
         graph, optimum = self.optimise(loops, ties)
         return graph.poses_at(optimum.values)
 
@@ -44,8 +51,8 @@ class GraphProblem(ABC):
         """Estimates the covariance (N, 3, 3) of each scan's own pose error, without drift, in the scan's frame [m, m, rad].
 
         The estimate is half of the covariance of the scan's pose relative to a neighbouring scan, since both scans
-        contribute errors. The neighbour is the scan before or the scan after, whichever gives the smaller covariance: in a
-        graph of submaps, the drift of the map lies between some successive scans and not between others.
+        contribute errors. The neighbour is the scan before or the scan after, whichever gives the covariance with the
+        smaller determinant: in a graph of submaps, the drift of the map lies only between scans of different submaps.
 
         Raises:
             EstimationError: the graph does not determine the covariances.
@@ -90,7 +97,10 @@ class Problem(GraphProblem):
         return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
-        """Returns the factors of the front end's motions and of the odometry's motions, without loops and other sensors.
+        """Returns the factors of the front end and of the odometry, without loops and other sensors.
+
+        The list holds, in this order, (1) a factor from its submap to each scan that was matched to a map, (2) the factors
+        between successive submaps, (3) the front end's other motions between scans, and (4) the odometry's motions.
 
         Args:
             scan: returns the key of a scan, given its number.
@@ -105,8 +115,9 @@ class Problem(GraphProblem):
     def list_statements(self) -> list[Measurement]:
         """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        A factor from a submap to a scan, or between two submaps, has the status, psi and number of returns of the front
-        end's motion that ends at the later scan, or at the first scan of the later submap.
+        If a factor starts or ends at a submap, its motion starts or ends at the submap's first scan. Its `apart` is NaN, and
+        the fields besides times, pose and covariance are those of the front end's motion that ends at the same scan (at the
+        drive's first scan, of the first motion).
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
@@ -134,12 +145,12 @@ class Problem(GraphProblem):
 
     @property
     def yaw_drift(self) -> float:
-        """Random walk of the yaw of the front end's map [rad/sqrt(s)], from the covariances of the ties between submaps."""
+        """Random walk of the yaw of the front end's map [rad/sqrt(s)], from the ties between submaps; 0 without ties."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
     def _list_apart(self) -> list[tuple[int, Measurement]]:
-        """Returns the motions that belong to no submap, each after the number of the scan at which the motion starts."""
+        """Returns the front end's motions that belong to no submap, as pairs (number of its first scan, motion)."""
         return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]
 
 

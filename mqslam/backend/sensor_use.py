@@ -71,7 +71,8 @@ class SensorUse:
     def opposite(self) -> list[str]:
         """Names of the sensors that turn the other way than the radar; empty unless they are at least two and the majority.
 
-        A gyroscope that is mounted on its side does not show which way the vehicle turns, and is left out.
+        If there are any, the map is mirrored. A gyroscope mounted on its side, which does not show which way the vehicle
+        turns, is left out.
         """
         ways = {}
         if self.odometry is not None:
@@ -102,7 +103,7 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Returns the same use with `contributions`, for which the trajectory is optimised again without each used sensor.
+        """Returns the same use with `contributions`: the trajectory is optimised once more without each sensor in turn.
 
         Args:
             problem: the trajectory with all sensors.
@@ -127,6 +128,8 @@ def join_sensors(
     fault: OdometryFault | None = None,
 ) -> tuple[Problem, SensorUse]:
     """Compares the sensors with the motions of a problem, and adds the sensors that agree to the problem.
+
+    If odometry was made with the gyroscope, odometry's turns are left out, so that they do not count twice.
 
     Args:
         problem: the trajectory with the motions of the front end and of odometry.
