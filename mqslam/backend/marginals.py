@@ -126,7 +126,7 @@ class Uncertainty:
         """Computes covariances (K, 3, 3), and checks them by a second computation from the other end of the trajectory.
 
         In the second computation the last digits of all coefficients are changed at random, so that rounding errors show as
-        differences between the two results. The first result is returned.
+        differences. The first result is returned.
 
         Args:
             compute: returns the covariances from the eliminated graph.

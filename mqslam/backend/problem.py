@@ -32,7 +32,7 @@ class GraphProblem(ABC):
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops, and with the given ties, which the refinement has measured."""
+        """Returns the graph with the given loops and with the given ties of the refinement."""
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum.

@@ -423,7 +423,7 @@ class LoopCloser:
         self.loops = confirm_by_map(loops, before, after, self._estimator, self._beam, self._runner.engine)
 
     def conclude(self) -> LoopSearch:
-        """Returns the kept loops with the counts of compared and rejected pairs of scans, and writes them to the log."""
+        """Returns and logs the kept loops, with the counts of compared and rejected pairs of scans."""
         ambiguous, implausible = self._ambiguous + len(self._alike), len(self._implausible | self._elsewhere)
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
