@@ -41,16 +41,17 @@ _ROUNDING = 1e-12  # eigenvalues below this share of the largest one are roundin
 def estimate_covariance(
     evaluation: PsiEvaluation, points: NDArray[np.float64], cluster_m: float, known: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) of the state at a minimum: Sigma of the module's docstring, plus other information.
+    """Returns the covariance (Q, Q) of the state at a minimum: Sigma of the module's docstring.
 
-    If there are no more objects than variables, all variances are very large.
+    `known` is added to H and to the matrix between the two inverses. Only returns with a selected neighbour count. If there
+    are no more objects than variables, all variances are very large, whatever `known` says.
 
     Args:
         evaluation: the score at the minimum.
         points: (N, 2) positions of the returns [m], by which returns are grouped into objects.
         cluster_m: side of the cells [m] within which returns belong to one object.
-        known: (Q, Q) information about the state from sources other than psi. It must be multiplied by the number of returns
-            that count as one measurement, because the curvature counts every return.
+        known: (Q, Q) information about the state from sources other than psi, times the number of returns that count as one
+            measurement, because the curvature counts every return; None if there is no such information.
     """
     if known is None:
         known = np.zeros_like(evaluation.curvature)
@@ -80,14 +81,14 @@ def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], clus
 def curvature_by_differences(
     gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]], state: NDArray[np.float64], steps: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the curvature (Q, Q) of psi from central differences of its gradient.
+    """Returns H (Q, Q), half the second derivative of psi, from central differences.
 
     Where all points move with the state, the curvature that `evaluate` returns is up to four times too large.
 
     Args:
-        gradient: returns the sum (Q,) of the scores at a state, with the neighbours selected again.
+        gradient: returns `PsiEvaluation.gradient` (Q,) at a state, at which the neighbours are selected anew.
         state: (Q,) state at which the curvature is computed.
-        steps: (Q,) step of the differences to either side.
+        steps: (Q,) step of the differences to either side, in the units of the state.
     """
     rows = [gradient(state + side) - gradient(state - side) for side in np.diag(steps)]
     return symmetric(np.array(rows) / (2.0 * steps[:, None]))
@@ -96,7 +97,8 @@ def curvature_by_differences(
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
     """Finds the directions (K, size) that psi does not observe, scaled to a Gauss-Newton information of 1 along each.
 
-    If Gauss-Newton's information is singular, as it is when all returns lie on one ray, no direction counts as observed.
+    K is 0 if psi observes all directions. If Gauss-Newton's information is singular, as it is when all returns lie on one
+    ray, no direction counts as observed, and the result is the identity.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
@@ -117,6 +119,8 @@ def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
 def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns a covariance (Q, Q) that is large along given directions and zero across them.
 
+    One standard deviation along a direction reaches to where the first variable has changed by its span.
+
     Args:
         directions: (K, Q) directions that psi does not observe; if there are none, the covariance is zero.
         spans: (Q,) standard deviation of each variable when nothing is known about it.
@@ -133,8 +137,8 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 
     Args:
         matrix: symmetric matrix; an eigenvalue below the rounding error is raised to that error.
-        units: (Q,) typical size of each variable if the matrix is a covariance, or the inverse of this size if the matrix
-            is an information matrix. Divided by these units, all entries are comparable.
+        units: (Q,) typical size of each variable for a covariance matrix, one over this size for an information matrix.
+            Entries [i, k] divided by units[i] * units[k] are comparable.
     """
     scale = np.outer(units, units)
     values, vectors = _find_positive(matrix, scale)

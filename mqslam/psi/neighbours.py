@@ -21,15 +21,15 @@ _WASTE = 2.0  # lists are renewed if they reach more than this many times as far
 
 
 class CellGrid(NamedTuple):
-    """Points, sorted by square cells: column by column, and by row within a column.
+    """Points, sorted by square cells: by column of the grid (along x), and by row of the grid (along y) within a column.
 
     Args:
         points: (M, 2) m, in the order of their cells.
         order: (M,) index of each sorted point among the points as they were given.
-        rows: (M,) row of each sorted point.
+        rows: (M,) number of the grid row in which each sorted point lies.
         begins: (columns + 1,) index of the first sorted point of each column; the last entry is M.
-        firsts: (columns, rows + 1) entry [c, r] is the index of the first sorted point of column c whose row is r or
-            higher. The table is empty if the grid has so many cells that the table would cost more time than it saves.
+        firsts: (columns, number of rows + 1) entry [c, r] is the index of the first sorted point of column c whose row is
+            r or higher; `begins[c + 1]` if there is none. The table is empty if it would cost more time than it saves.
         corner: (2,) x, y [m] of the lower left corner of the first cell.
         cell: side of a cell [m].
     """
@@ -76,7 +76,8 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
     Args:
         points: (M, 2) m.
         cell: side of a cell [m].
-        corner: (2,) x, y [m] of the lower left corner of the first cell, below and left of all points; None computes it.
+        corner: (2,) x, y [m] of the lower left corner of the first cell, below and left of all points; None takes the
+            smallest x and the smallest y of the points, each minus a cell.
     """
     n = len(points)
     lowest = np.zeros(2)
@@ -106,8 +107,8 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
         order: (N,) indices of the items in their present order.
 
     Returns:
-        The indices (N,) of the items in their new order, and the position (K + 1,) of the first item of each of K keys,
-        with N as the last entry.
+        The indices (N,) of the items in their new order, and the position (K + 1,) in this order of the first item of each
+        key from 0 to K - 1, the largest key; the last entry is N.
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
     for key in keys:
@@ -203,7 +204,7 @@ def find_longest(offsets: NDArray[np.int64]) -> int:
 
 @register_jitable
 def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
-    """Returns whether lists still hold all neighbours of moved queries (N, 2) [m], and few other points.
+    """Returns whether lists still hold all neighbours of moved queries (N, 2) [m], and not too many other points.
 
     Args:
         lists: lists that were made for the same number of queries.

@@ -42,11 +42,12 @@ class PointArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PointSet:
-    """Points, each rendered from one return. The "world frame" is the frame of the start pose, such as the frame of a map.
+    """Points, each rendered from one return. The "world frame" is the one in which the start pose is given, such as a map's.
 
     Args:
         points: (N, 2) x, y [m], world frame.
-        jacobians: (N, 2, 3 + P) derivatives of x, y by the start pose (x, y [m], yaw [rad]) and the P motion parameters.
+        jacobians: (N, 2, Q) derivatives of x, y by the variables of the state; from `place`, these are the start pose (x, y
+            [m], yaw [rad]) and then the P motion parameters. They may be empty (0, 2, 0) for points that do not move.
         covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
         times: (N,) [s] since the recording's start.
         rays: (N, 2) unit vectors from the sensor to each point, world frame; empty (0, 2) where viewing directions

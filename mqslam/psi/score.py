@@ -4,7 +4,8 @@ Points that are scored (queries) are compared with other points (references). Th
 are its neighbours. A neighbour's weight is kappa = exp(-(distance/beta_s)^2), times a fade if the two points were measured
 less than a revolution apart. The neighbours with kappa >= xi are selected.
 
-The query minus the kappa-weighted centroid of its selected neighbours is one offset e_i with covariance Sigma_i. With
+The query minus the kappa-weighted centroid of its selected neighbours is one offset e_i. Its covariance Sigma_i is the
+query's, plus the weighted mean of the neighbours', plus the square of a blur along x and y (`Kernel.blur`). With
 d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and psi = sum S^2. A point without a
 selected neighbour is charged c^2, the most that a matched point can cost, so that maps without overlap are never the best.
 (With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, and its slope is L^2 times the
@@ -17,7 +18,7 @@ curvature is therefore several times smaller than Gauss-Newton's.
 
 The returns of an object shift and fade when the radar looks at it from another side. Where the viewing directions of both
 point sets are known, a neighbour's kappa and the blur in Sigma_i therefore depend on the likeness of the two directions,
-exp(-(difference / aspect)^2).
+exp(-(difference / aspect)^2). Neighbours are selected by their kappa before this factor.
 
 The readable twin is `evaluate_reference` in `tests/support/score_reference.py`.
 """
@@ -73,8 +74,8 @@ class Kernel(NamedTuple):
     Args:
         revolution_s: duration of a revolution of the radar [s]. A neighbour measured less than a revolution before or after
             the query weighs less; with zero, times play no part.
-        beta_t: width of this fade [s]: exp(-(u / beta_t)^2) if a time u is missing to a whole revolution.
-        xi: least kappa of a selected neighbour.
+        beta_t: width of this fade [s]: exp(-(u / beta_t)^2) at a time difference of a revolution minus u.
+        xi: least kappa of a selected neighbour, before the factor for viewing directions.
         blur: standard deviation [m] by which one object's returns scatter between views; its square adds to each Sigma_i.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
         apart_share: factor on kappa of a neighbour that was seen from a quite different direction, with a likeness of 0.
@@ -110,11 +111,11 @@ class Neighbours(NamedTuple):
     """The references near each query, over which the score sums.
 
     Args:
-        known: (M, 8) x, y [m], time [s], unit vector x, y of the ray, and covariance xx, xy, yy [m^2] of each reference.
+        known: (M, 8) x, y [m], time [s], unit vector x, y of the ray (zeros if unknown), and covariance xx, xy, yy [m^2] of
+            each reference.
         jacobians: (M, 2, Q) derivatives of the references by the state; empty (0, 2, Q) where the references do not move.
-        offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is the end of all
-            lists.
-        indices: (K,) indices of the references near the queries; some of these references may lie beyond the reach.
+        offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is K.
+        indices: (K,) indices, among the M references, of those near the queries; some may lie beyond the reach.
     """
 
     known: NDArray[np.float64]
@@ -125,12 +126,12 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PsiEvaluation:
-    """The score of N points, with its gradient and its curvature by the Q variables of a state.
+    """The score of N points, with its derivatives by the Q variables of a state: all of them belong to psi / 2.
 
     Args:
         shares: (N,) each point's part of psi, which is the charge for a point without a selected neighbour.
         matched: (N,) bool, whether each point has a selected neighbour.
-        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share.
+        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share; zero without such a neighbour.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
         curvature: (Q, Q) curvature that accounts for the re-selection of neighbours as points move, made symmetric.
     """
@@ -180,8 +181,8 @@ def evaluate(
         references: points that the queries are compared with; None compares the queries with each other.
         scale: widths of selection and weights.
         kernel: parameters of the score besides its widths.
-        lists: neighbours of the queries, found by `list_near` among references or by `find_candidates` among the queries
-            themselves; None finds them anew.
+        lists: neighbours of the queries within `find_reach` or farther, by `list_near` among references or by
+            `find_candidates` among the queries themselves; None finds them anew.
     """
     reach = find_reach(scale, kernel)
     if references is None:
@@ -414,13 +415,13 @@ def add_up_neighbours(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-    """Computes exp(-x) of `count` numbers x by plain arithmetic, which compilers turn into vector instructions.
+    """Computes exp(-x) of `count` values x by plain arithmetic, which compilers turn into vector instructions.
 
-    The result is exp(-x) = 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its terms
-    are below rounding. The digits of a result do not depend on how many numbers are computed at once.
+    The result is left as two multipliers, 2^k and exp(r) with |r| of at most half of log 2; their product is exp(-x). The
+    polynomial for exp(r) ends where its terms are below rounding. The digits of a result do not depend on `count`.
 
     Args:
-        exponents: (N,) numbers x, not negative.
+        exponents: (N,) values x, not negative; a value above 700 counts as 700.
         count: number of exponents to use. All arrays need room for `LANES` more: entries up to the next multiple of `LANES`
             are overwritten, in `exponents` and in the results.
         powers: (N,) output: bits of 2^k as a 64-bit floating-point number.
