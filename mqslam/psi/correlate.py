@@ -3,8 +3,8 @@
 In an image, a pixel is one if it holds a point, else zero. The correlation is the widest and cheapest form of the score.
 Minimisations of psi start from the peaks of the correlation and decide between these peaks.
 
-The image of a scan is zero except for a few thousand pixels, and only shifts up to the reach of the search are needed. Where
-the reach is short, adding up the other image around each of these pixels takes less work than Fourier transforms.
+The image of a scan is zero but for a few thousand pixels. Where the reach of the search is short, adding up the other image
+around each of these pixels takes less work than Fourier transforms.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ def rank_poses(
     reach_rad: float,
     config: EstimatorConfig,
 ) -> list[se2.Array]:
-    """Finds the most likely poses of one point set in another: the highest peaks of their correlation at each yaw.
+    """Finds the most likely poses of one point set in another: the three highest peaks of their correlation at each yaw.
 
     Args:
         reference: (M, 2) m.
-        query: (N, 2) m, in its own frame.
+        query: (N, 2) m, in its own frame; points with |x| or |y| of 110 pixels or more are left out.
         guess: (3,) x, y [m], yaw [rad] of the query's frame in the reference's frame.
         reach_m: largest distance of the searched poses from the guess [m].
         reach_rad: largest difference of their yaws from the guess's yaw [rad].
@@ -94,12 +94,12 @@ def rank_poses(
 
 
 def pick_apart(ranked: Sequence[se2.Array], config: EstimatorConfig, apart_rad: float = np.inf) -> list[se2.Array]:
-    """Picks the best poses that differ from each other in place or in yaw.
+    """Picks the best poses that differ from each other: in place, by more than twice `compute_same_m`, or in yaw.
 
     Args:
         ranked: poses (3,) as x, y [m], yaw [rad], the best first.
         config: settings of the score; its first width s_start gives the size of the pixels.
-        apart_rad: poses at one place differ if their yaws differ by more than this [rad].
+        apart_rad: poses at one place differ if their yaws differ by more than this [rad]; by default they never differ.
 
     Returns:
         At most three poses (3,), the best first.
@@ -200,7 +200,7 @@ def _mirror(place: int, side: int) -> int:
 def find_pixels(
     points: NDArray[np.float64], lowest: NDArray[np.float64], side: int, pixel_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Returns the pixels of a square image that hold a point, each once, column by column.
+    """Returns the pixels of a square image that hold a point, each once, by column (along x); points outside are left out.
 
     Args:
         points: (N, 2) m.

@@ -136,7 +136,7 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
     """Returns the inverse of a symmetric matrix (Q, Q), made symmetric and positive definite.
 
     Args:
-        matrix: symmetric matrix; an eigenvalue below the rounding error is raised to that error.
+        matrix: a covariance matrix or an information matrix.
         units: (Q,) typical size of each variable for a covariance matrix, one over this size for an information matrix.
             Entries [i, k] divided by units[i] * units[k] are comparable.
     """
@@ -149,7 +149,7 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
     """Returns the covariance (Q, Q) of the fusion of two independent estimates.
 
     The result (first^-1 + second^-1)^-1 is computed as first (first + second)^-1 second, which also holds where one of the
-    two matrices is singular. Eigenvalues of the result are at least as large as the rounding error.
+    two matrices is singular.
 
     Args:
         first: (Q, Q) covariance of one estimate.

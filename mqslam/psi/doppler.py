@@ -4,7 +4,7 @@ A frequency-modulated radar measures a wrong range to a target that it approache
 times the closing speed. In a map rendered with a wrong beta, a target that passes from ahead to behind is therefore
 displaced, and the map is blurred. The measured beta is the value that makes short stretches of the recording crispest. A
 wrong length of the range bins and a range offset bend a map in much the same way, and short stretches give inexact values.
-The measured beta is therefore combined with the usual beta of Navtech's radars.
+The measured beta is therefore combined with the usual beta of Navtech's radars, unless it clearly contradicts it.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Doppler(NamedTuple):
 def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine) -> Doppler:
     """Measures the Doppler shift that makes the recording's map crispest.
 
-    The result is zero if no shift makes the map clearly crisper, unless most stretches show a shift that is usual for
-    Navtech's radars. It is also zero if no stretch of the recording can be tracked.
+    The result is zero in three cases: (1) no stretch has enough returns, (2) the size of the shift is below 0.01 s, or (3)
+    it does not make the map clearly crisper, and is not usual for Navtech's radars on most of three or more stretches.
 
     Args:
         scans: scans of the recording.
@@ -83,7 +83,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns for each shift (B,) the median over the stretches of the ratio of psi (B, S) to psi without a shift."""
+        """Returns for each shift (B,) the upper median over the stretches of psi (B, S) divided by psi without a shift."""
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
@@ -101,7 +101,7 @@ def _is_usual(each: Sequence[float], beta: float) -> bool:
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of the median of the shifts [s] that the stretches show."""
+    """Returns the standard deviation [s] of the median of the stretches' shifts [s]; the step of the grid for one shift."""
     if len(each) < 2:
         return _STEP_S  # a single stretch shows no spread
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
@@ -131,7 +131,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
 
 
 def _choose_stretches(scans: Scans) -> list[Scans]:
-    """Chooses short stretches, spread over the recording, whose scans all hold enough returns."""
+    """Chooses up to four stretches of up to twelve scans, spread over the recording, whose scans all hold enough returns."""
     length, count = _STRETCH_SCANS, _STRETCHES
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]
@@ -140,7 +140,10 @@ def _choose_stretches(scans: Scans) -> list[Scans]:
 
 
 def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> float:
-    """Returns the vertex [s] of the parabola through the lowest of the scores (B,) on a grid (B,) [s] and its neighbours."""
+    """Returns the vertex [s] of the parabola through the lowest of the scores (B,) on a grid (B,) [s] and its neighbours.
+
+    The vertex is moved into the grid; if the parabola does not open upward, the grid's lowest point replaces it.
+    """
     k = int(np.clip(np.argmin(scores), 1, len(scores) - 2))
     below, here, above = scores[k - 1 : k + 2]
     bend = below - 2.0 * here + above
@@ -158,7 +161,10 @@ def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scan
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
-    """Tracks a case (scans, first twist (3,) [m/s, m/s, rad/s], Doppler shift [s]); returns psi per point."""
+    """Tracks a case (scans, first twist (3,) [m/s, m/s, rad/s], Doppler shift [s]); returns psi per point.
+
+    The first scan, which begins the map, does not count.
+    """
     (settings, estimator), (scans, twist, beta) = shared, case
     tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)
     tracker.start(scans[:START_SCANS], twist)

@@ -53,7 +53,10 @@ _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], w
 
 
 def annealed_scale(config: EstimatorConfig, step: int, share: float = 1.0) -> Scale:
-    """Returns the widths at a step of the annealing: `share` times the first widths at step 0, narrower at later steps."""
+    """Returns the widths at a step of the annealing: `share` times the first widths, shrunk `step` times.
+
+    No width falls below its final width.
+    """
     f = _SHRINK**step
     return Scale(
         max(config.s, share * config.s_start * f),
@@ -109,7 +112,7 @@ class Minimum:
 
     Args:
         state: (Q,) the state at which the search ended.
-        evaluation: the score at this state, at the final widths.
+        evaluation: the score at this state, at the final widths; before the last step if `Search.settled` ended the search.
         converged: whether the last step was shorter than the tolerances or than `Search.settled`.
     """
 
@@ -129,10 +132,10 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
 
 
 class Expansion(NamedTuple):
-    """The expansion of the score around a state, up to second order.
+    """The expansion of psi / 2 around a state, up to second order.
 
     Args:
-        gradient: (Q,) half the gradient of psi.
+        gradient: (Q,) gradient.
         information: (Q, Q) Gauss-Newton's curvature.
         curvature: (Q, Q) curvature that accounts for the re-selection of neighbours as points move, symmetric.
     """
@@ -152,7 +155,7 @@ def minimise(
     tolerances: NDArray[np.float64],
     search: Search | None = None,
 ) -> Minimum:
-    """Minimises psi plus the prior over the state.
+    """Minimises psi / (2 `search.correlation`), plus half the squared distance from the prior's mean in standard deviations.
 
     Args:
         start: (Q,) state at which the search begins.
@@ -213,7 +216,7 @@ class Rendered:
 def renew_lists(
     lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
 ) -> NearbyLists:
-    """Returns lists of all neighbours within a reach of each point: the given lists while complete, else new lists.
+    """Returns lists of all neighbours of each point within a reach: the given ones if complete and short, else new ones.
 
     Args:
         lists: lists that were made before; None if there are none.
@@ -233,9 +236,9 @@ def renew_lists(
 
 @register_jitable
 def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
-    """Shortens a step (Q,) that moves the points by `moved_m` on average, so that it moves them by `reach_m` at most.
+    """Shortens a step (Q,) that moves the points by `moved_m` (RMS, [m]), so that this RMS is at most `reach_m` [m].
 
-    An infinite `moved_m` means that there are no points, and gives a step of zero.
+    Otherwise a step could carry points past their neighbours. An infinite `moved_m` (no points) gives a step of zero.
     """
     return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
@@ -306,7 +309,7 @@ def _extrapolate(
 
     The step becomes longer if successive steps have the same sign, and shorter if their signs alternate. This helps because
     the terms that keep Newton's steps safe shorten all steps by nearly the same share. The method is Anderson's mixing of
-    two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
+    two steps (J. ACM 12, 1965).
 
     Args:
         move: (Q,) Newton's step.

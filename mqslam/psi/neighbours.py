@@ -1,8 +1,7 @@
 """Sorts points into a grid of cells, and lists near points; the lists stay valid over small motions.
 
-When points move a little, their neighbours hardly change. A list holds points up to a radius that is larger than the reach
-of the score (the difference is the skin of a Verlet list). The list stays valid until points have moved so far that a
-neighbour within the reach could be missing from the list.
+A list holds points up to a radius that is larger than the reach of the score (the difference is the skin of a Verlet list).
+It stays valid until points have moved so far that a neighbour within the reach could be missing.
 """
 
 from __future__ import annotations
@@ -156,8 +155,7 @@ def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
     """Lists the points of a grid within a radius [m] of each query (N, 2) [m], including any point at the query itself.
 
-    Every candidate is written to the list, and the next candidate overwrites it if it is too far away. This avoids a branch
-    that the processor cannot predict.
+    Every candidate is written, and the next overwrites it if it is too far away; an unpredictable branch would cost more.
     """
     points, rows, begins, firsts, cell = grid.points, grid.rows, grid.begins, grid.firsts, grid.cell
     left_m, low_m = grid.corner[0], grid.corner[1]

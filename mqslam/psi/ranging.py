@@ -123,7 +123,7 @@ def measure_range_errors(
         poses: (len(scans), 3) x, y [m], yaw [rad] of the sensor at the start of each scan.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: measures the stretches; the result does not depend on the choice of the engine.
+        engine: measures the stretches; the result does not depend on it.
 
     Returns:
         The errors; None if fewer than five stretches show them.
@@ -138,7 +138,7 @@ def measure_on_stretches(
 ) -> RangeErrors | None:
     """Measures range offset and Doppler shift from given stretches, like `measure_range_errors`.
 
-    A stretch is K successive scans and their start poses (K, 3) as x, y [m], yaw [rad].
+    A stretch is K successive scans and their start poses (K, 3) as x, y [m], yaw [rad]. Paths below 10 m are left out.
     """
     moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
     shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]
@@ -146,7 +146,7 @@ def measure_on_stretches(
 
 
 def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
-    """Chooses up to 24 stretches with enough path, without gap or overlap; returns the number of each one's first scan."""
+    """Returns the indices of the first scans of up to 24 stretches, with enough path and no missing scan; none overlap."""
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
@@ -160,7 +160,7 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
 
 
 def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _StretchErrors | None:
-    """Measures the errors on one stretch; returns None if there are no returns or if psi has no minimum there."""
+    """Measures the errors on one stretch; returns None without returns, or if psi does not curve upward everywhere."""
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
     returns = Returns.concatenate([scan.returns for scan in scans])
@@ -236,7 +236,7 @@ class Stretch:
         return int(self._weights.shape[1])
 
     def render(self, state: NDArray[np.float64]) -> PointSet:
-        """Renders the returns under a state (3 * knots + 2,), in the frame of the poses."""
+        """Renders the returns under a state (3 * knots + 2,), in the frame of the poses; jacobians are by this state."""
         weights, beta = self._weights, self._beam.doppler_beta + state[-1]
         x, y, yaw = (weights @ state[:-2].reshape(-1, 3)).T
         ranges = self._returns.ranges + state[-2] + beta * self._closing

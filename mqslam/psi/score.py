@@ -8,8 +8,7 @@ The query minus the kappa-weighted centroid of its selected neighbours is one of
 query's, plus the weighted mean of the neighbours', plus the square of a blur along x and y (`Kernel.blur`). With
 d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and psi = sum S^2. A point without a
 selected neighbour is charged c^2, the most that a matched point can cost, so that maps without overlap are never the best.
-(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, and its slope is L^2 times the
-slope of d^2.)
+(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, with L^2 times the slope of d^2.)
 
 The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0, where J is the derivative of e by the state.
 The derivative of these equations must take into account that neighbours are selected again as a point moves. The centroid
@@ -331,8 +330,7 @@ def add_up_neighbours(
 ) -> None:
     """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are processed in blocks. Every candidate is written to the block's arrays, and the next candidate overwrites it
-    if it is too far away: a branch that the processor cannot predict would cost more than writing in vain.
+    Queries are processed in blocks. Every candidate is written to the block's arrays, as in `list_near`.
 
     Args:
         x: (N, 2) positions of the queries [m].

@@ -1,7 +1,6 @@
 """Estimates the motion of one window from psi alone: the window is rendered and compared with itself, and psi is minimised.
 
-A window consists of several consecutive scans. "The widest scale" means the widths of the score at the start of the
-annealing (see `mqslam.psi.minimiser`).
+"The widest scale" means the widths of the score at the start of the annealing (see `mqslam.psi.minimiser`).
 
 Source: "Motion Estimation from Map Quality with Millimeter Wave Radar" for the exhaustive search and for the minimum as the
 measurement. The annealed minimiser and the covariance are ours.
@@ -58,8 +57,8 @@ class WindowMotion:
         theta: (P,) parameters of the motion model, such as speeds [m/s] and a yaw rate [rad/s].
         covariance: (P, P) covariance of the parameters.
         minimum: result of the minimiser.
-        status: degenerate if psi does not observe a direction, along which the covariance is then large; ambiguous if a
-            different motion explains the window about as well; converged otherwise.
+        status: degenerate if psi does not observe a direction, along which the covariance is then large; ambiguous, which
+            comes first, if `Window.find` knows a different motion with about as low a psi; converged otherwise.
     """
 
     theta: se2.Array
@@ -115,8 +114,8 @@ class Window:
     def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
         """Finds the twist of a grid with the lowest psi at the widest scale, although only a part of the grid is scored.
 
-        At the widest scale psi varies slowly, so that every third row and column of the grid show about where psi is lowest.
-        Other twists are scored only around the best few twists of these rows and columns.
+        At the widest scale psi varies slowly, so that pairs of every third speed and every third yaw rate show about where
+        psi is lowest. All other pairs are scored only around the best three of these.
 
         Args:
             speeds: (V,) forward speeds to try [m/s].
@@ -171,6 +170,8 @@ class Window:
     ) -> WindowMotion:
         """Finds the motion without an initial guess: searches a grid with the first two scans, then refines the best basins.
 
+        The result is the refined motion with the lowest psi.
+
         Args:
             speeds: (V,) forward speeds of the grid [m/s], in steps that the widest scale covers.
             yaw_rates: (W,) yaw rates of the grid [rad/s], in steps that the widest scale covers.
@@ -221,7 +222,7 @@ def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Returns row and column of each local minimum of a grid of scores (V, W), the lowest minimum first."""
+    """Returns both indices of each local minimum of a grid of scores (V, W), the lowest minimum first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")

@@ -3,9 +3,8 @@
 A case is a drive with constant forward speed v and yaw rate omega. Table I holds the motions of three cases: as the paper
 obtained them, as an exhaustive search with the published score finds them, and as our estimator finds them. Figure 2 shows
 how psi falls as the assumed motion approaches the true motion, and Figure 3 how motion compensation changes the map of each
-case. The paper's sensor is simulated on a slow robot outdoors between buildings (a yard). The constants that describe the
-drives and the sensor, and the constants named `PAPER_`, are the paper's, or define our simulation of its experiment; the
-other constants set the look of the figures.
+case. The paper's sensor is simulated on a slow robot outdoors between buildings (a yard). The constants are the paper's, or
+define our simulation of its experiment, or set the look of the figures.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ def compute_table1(
     search: ExhaustiveSearch = SEARCH,
     progress: Progress = ignore_progress,
 ) -> list[Table1Row]:
-    """Computes Table I: the motions that the paper and every method obtain in every case.
+    """Computes Table I: the motions that every method obtains in every case, and the paper in its own cases.
 
     Args:
         seeds: number of simulations of each case, each with its own yard and noise; the seeds are 0 to seeds - 1.
@@ -158,6 +157,9 @@ def compute_table1(
         cases: v [m/s], omega [rad/s] of each case.
         search: motions that the exhaustive search tries.
         progress: called after each trial (one case with one seed) with "table1", trials done, and trials in all.
+
+    Returns:
+        For each case the paper's row, if `CASES` holds the case, and then one row per method in the order of `METHODS`.
     """
     trials = [(case, seed, scans) for case, seed in product(cases, range(seeds))]
 
@@ -186,7 +188,7 @@ def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
 
 
 def estimate_motion(window: Window) -> WindowMotion:
-    """Estimates v [m/s], omega [rad/s] of a window by our estimator, without an initial guess."""
+    """Estimates a window's motion, theta = v [m/s], omega [rad/s], by our estimator, without an initial guess."""
     return window.find(SPEEDS, YAW_RATES, CONSTANT_VELOCITY)
 
 
@@ -299,7 +301,7 @@ def compute_figure2() -> dict[str, list[float]]:
 
 
 def format_figure2(scores: Mapping[str, Sequence[float]]) -> str:
-    """Returns the scores of Figure 2 as text with aligned columns."""
+    """Returns the scores of Figure 2 (bad, better, good map; by source) as text with aligned columns, one line a source."""
     lines = [f"{'Figure 2, scores of maps':<24} {'bad':>9} {'better':>9} {'good':>9}"]
     return "\n".join([*lines, *(f"{name:<24} {a:9.1f} {b:9.1f} {c:9.1f}" for name, (a, b, c) in scores.items())])
 

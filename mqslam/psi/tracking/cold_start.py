@@ -41,15 +41,15 @@ _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
 
 @dataclass(frozen=True, slots=True)
 class FirstMotion:
-    """The motion of a few scans, found from these scans alone.
+    """The motion of a few scans, found from these scans alone or, by a tracker that is guided by odometry, taken from it.
 
     Args:
         motion: (5,) vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2] at the first scan. In directions that psi does
-            not observe, the motion is near odometry's if odometry was given, else near zero.
+            not observe, the motion is near odometry's if odometry was given, else near zero; zero without overlap.
         covariance: (5, 5) covariance of the motion, large in directions that psi does not observe. It includes process
             noise if only two scans were given, since the accelerations are then not estimated.
-        matched: share of the returns that have a selected neighbour.
-        observed: whether psi observes every direction of the motion.
+        matched: share of the returns that have a selected neighbour: 0 if scans do not overlap, 1 for odometry's motion.
+        observed: whether psi observes every direction of the motion; True for odometry's motion.
     """
 
     motion: se2.Array
@@ -64,7 +64,7 @@ def find_first_motion(
     """Finds the motion that gives the crispest map of a few scans.
 
     Args:
-        scans: two or three scans with returns.
+        scans: two or three scans with returns. Two scans do not show accelerations, which are then zero.
         matcher: holds the bounds of the exhaustive search, the process noise, the settings of the score, and the sensor.
         begin: (3,) vx, vy [m/s], omega [rad/s] near the truth, at which the minimiser starts; None searches exhaustively.
         odometry: (3,) the same by odometry, a second start that is used if psi does not observe every direction; or None.

@@ -117,7 +117,7 @@ class LocalMap:
         self.references = make_references(_join(self._keyframes))
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
-        """Returns whether a scan is far from the keyframe nearest in time."""
+        """Returns whether a scan is far, in place or yaw, from the keyframe nearest in time; true if there is none."""
         if not self._keyframes:
             return True
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))

@@ -148,7 +148,7 @@ class Matcher:
         known: Minimum,
         is_doubtful: Callable[[Minimum], bool] | None = None,
     ) -> tuple[Minimum, bool]:
-        """Finds the best match in the whole region that the covariance of a prediction allows.
+        """Finds the best match around a prediction, as far as its covariance, `_SEARCH_M` and `_SEARCH_RAD` allow.
 
         Args:
             scan: the scan.
@@ -159,8 +159,8 @@ class Matcher:
                 places. None tries only the best yaw at each place. Used only if `tuning.sees_part` is set.
 
         Returns:
-            The best match, and whether another place in the map fits the scan about as well. The latter is always False if
-            `tuning.sees_part` is set.
+            The best match, and whether another place in the map fits the scan about as well. If `tuning.sees_part` is set,
+            matches are compared as in `_choose_by_shared`, and the second value is always False.
         """
         ranked, size_m = self._rank_poses(scan, predicted, into)
         tried = pick_apart(ranked, self.matching)
@@ -195,7 +195,7 @@ class Matcher:
             into: the map.
 
         Returns:
-            The best of these matches, or None if its psi is not lower by more than chance.
+            The match that begins at the best of these places, or None if its psi is not lower by more than chance.
         """
         config, turn_s, here = self.matching, self.revolution_s, State(minimum.state)
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
@@ -213,8 +213,8 @@ class Matcher:
     ) -> NDArray[np.float64]:
         """Returns the covariance (3, 3) of a match's pose in x, y, yaw [m, m, rad].
 
-        The covariances of psi and of the prediction are fused. Along directions that psi does not observe, only the
-        prediction counts.
+        The covariances of psi and of the prediction are fused. psi's is large along directions that psi does not
+        observe, so that the prediction decides there.
 
         Args:
             evaluation: psi at the match.
@@ -252,7 +252,10 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
-        """Returns whether psi rises by more than chance, given the rise (N,) of the share of each point (N, 2) [m]."""
+        """Returns whether psi rises by more than chance, given the rise (N,) of the share of each point (N, 2) [m].
+
+        The rise must exceed its scatter over objects, since the points of one object are not independent.
+        """
         by_object = sum_by_object(rise[:, None], points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
@@ -307,7 +310,7 @@ class Matcher:
     def _rank_poses(self, scan: Scan, predicted: Belief, into: LocalMap) -> tuple[list[se2.Array], float]:
         """Returns poses (3,) [m, m, rad] at which scan and map correlate, the best first, and the RMS range of returns [m].
 
-        The poses lie around the predicted pose, within the region that the prediction's covariance allows.
+        The poses lie around the predicted pose, in the region of `search`.
         """
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
@@ -317,7 +320,7 @@ class Matcher:
         return ranked, float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
     def _refine(self, scan: Scan, poses: Sequence[se2.Array], predicted: Belief, into: LocalMap) -> list[Minimum]:
-        """Returns one match per pose (3,) [m, m, rad]: minimisations of psi that begin there with the predicted motion."""
+        """Returns a match per pose (3,) [m, m, rad], at which the search begins with the predicted motion and a prior."""
         information = predicted.information
         starts = [State.of(pose, predicted.mean.motion) for pose in poses]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

@@ -97,7 +97,11 @@ class PredictionErrors:
         self._errors = []
 
     def choose_step(self) -> int:
-        """Returns the step of the annealing at which the match of the next scan begins."""
+        """Returns the step of the annealing at which the match of the next scan begins.
+
+        This is `Tuning.first_step`. Once enough errors are known, it is the last step from there on whose beta_s covers the
+        expected error.
+        """
         tuning, matching = self._tuning, self._matching
         step = tuning.first_step
         if self.is_young:

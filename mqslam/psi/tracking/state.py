@@ -268,7 +268,7 @@ class LastMatch:
 
 
 def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
-    """Predicts the state at constant acceleration.
+    """Predicts the state: pose and twist at constant acceleration, and an acceleration that has decayed towards zero.
 
     Args:
         belief: belief about the state at the start.
@@ -435,7 +435,7 @@ def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
 
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] if nothing but the settings is known."""
+    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] if only their possible range is known."""
     ranges = np.array([settings.speed_max - SPEED_MIN, 2.0 * OMEGA_MAX])
     return np.asarray(ranges / np.sqrt(12.0))  # all speeds of the range are equally likely
 

@@ -82,7 +82,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(scan, _whole(self._find_twist(scan.t0, head[0].t0)))
 
     def _step(self, k: int) -> int:
-        """Tracks scan k, and returns the number of the next scan to track: an earlier number if a new map was begun."""
+        """Tracks scan k; returns the next scan's number, which is not k + 1 if `_begin_again` goes on from a lost scan."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -100,7 +100,7 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Tries to go on from the last lost scans, up to scan k; returns the number of the next scan to track."""
+        """Tries to go on from one of the last lost scans; returns the number of the scan after it, or else k + 1."""
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
@@ -182,7 +182,10 @@ def _find_start(scans: Sequence[Scan]) -> int:
 
 
 def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
-    """Returns up to `START_SCANS` successive scans from number `first` with enough returns and no gap, or the first scan."""
+    """Returns up to `START_SCANS` successive scans from number `first` on, up to a gap or a scan with too few returns.
+
+    The first scan is always returned, whatever it holds.
+    """
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
         gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)

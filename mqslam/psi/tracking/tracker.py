@@ -70,12 +70,12 @@ class Tracked:
     Args:
         t0: start of the scan [s since the recording's start].
         state: start pose and motion of the scan.
-        covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
-            match.
+        covariance: (3, 3) covariance of the start pose relative to the map, by psi and the prediction together; zero
+            without a match, and zero but for rounding if a map begins with the scan.
         unseen: (3, 3) covariance to add to `covariance` where psi does not observe a direction, where there is no match, or
             where a map begins with a scan whose twist is uncertain.
         evaluation: psi of the scan in `state`; empty if a new map begins with the scan.
-        status: how far the state can be trusted.
+        status: how far the state can be trusted; `LOST` also for a scan that begins a map after a gap or lost scans.
         begins_map: whether a new map begins with this scan.
         arrival: (3, 3) covariance that a gap or lost scans before the scan add to its start pose; None if there are none.
         earlier: (3,) start pose by the first measurement if the scan was measured a second time, else None.
@@ -180,14 +180,17 @@ class Tracker:
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
-        """Returns whether a scan is so long after the last match that a prediction may miss it; False if `is_guided`."""
+        """Returns whether a scan follows a gap in which the prediction may have erred by a pixel of the global search.
+
+        The result is False if the tracker is guided, because odometry bridges the gap.
+        """
         if self._is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
         return bool(spread > compute_pixel_m(self._matcher.estimator) ** 2)
 
     def follow(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
-        """Matches the next scan to the map.
+        """Matches the next scan to the map; without a plausible match, the result is the prediction, with status `LOST`.
 
         Args:
             scan: the scan.
@@ -229,7 +232,9 @@ class Tracker:
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
         """Matches the first scan after a gap or after lost scans, with the motion that this scan and the next ones show.
 
-        Without a sure match a new map begins at the predicted pose. If the scans show no motion either, the scan is lost.
+        A match is sure if psi observes every direction, enough returns match, and no other place fits about as well. Without
+        a sure match, a new map begins at the predicted pose, or the scan is lost if the scans show no motion. A scan with
+        too few returns is lost, too.
 
         Args:
             scans: one or more scans after the gap or the lost scans, without a gap between them.
@@ -314,7 +319,10 @@ class Tracker:
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
-        """Returns a scan's state by its mean twist (3,) since the last match; `state` replaces NaN or a missing twist."""
+        """Returns a scan's state by odometry's mean twist (3,) since the last match, or `state` if the twist is None.
+
+        For a component that is NaN, the mean twist from the last match to `state` is taken.
+        """
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
@@ -335,7 +343,10 @@ class Tracker:
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
 
     def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
-        """Finds the motion of the scans after a gap from these scans alone; returns None if they show no motion."""
+        """Finds the motion of the scans after a gap from these scans alone.
+
+        Returns None for a single scan, too few returns, too few matched returns, or a direction that psi does not observe.
+        """
         if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
             return None
         for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
@@ -376,13 +387,13 @@ class Tracker:
         return Tracked(scan.t0, belief.mean, covariance, unseen, minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
-        """Returns the prediction as the result of a scan that holds too few returns; the scan counts as lost."""
+        """Returns the prediction as the result of a scan with too few returns or before the track; it counts as lost."""
         unmatched = self._matcher.evaluate(scan, predicted.mean, self._map)
         passed = self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
         return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
-        """Returns the prediction, at constant twist, as the result of a lost scan: a scan that does not match the map."""
+        """Returns the prediction, without accelerations, as the result of a lost scan: one that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
         return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
