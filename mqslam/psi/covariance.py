@@ -8,7 +8,7 @@ square cell of the map). The covariance is then
 
 A direction is a vector of changes of the state's variables, such as a shift along a wall. In a direction that psi hardly
 observes, H is hardly positive, and Sigma comes out large. The factor n / (n - q) is the usual correction for few samples: q
-variables can bring the scores of q objects to zero, whatever the errors of these objects are.
+variables can bring the scores of q objects to zero, whatever their errors are.
 
 Along a bare wall the returns of two views are scattered alike at any shift. At wide widths of the score (a wide scale), H
 therefore vanishes along the wall, whereas at a narrow scale single returns pair up by chance and look like a minimum. The

@@ -65,7 +65,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
         scans: scans of the recording.
         tracker: settings of the tracker.
         estimator: settings of the score.
-        engine: tracks the stretches of the recording; the result does not depend on it.
+        engine: tracks the stretches; the result does not depend on it.
     """
     stretches = _choose_stretches(scans)
     if not stretches:
@@ -122,7 +122,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
     Args:
         scans: scans of the recording.
         config: all settings; `sensor.doppler_beta` may state the shift.
-        engine: tracks the stretches of the recording; the result does not depend on it.
+        engine: tracks the stretches; the result does not depend on it.
     """
     if config.sensor.doppler_beta is not None:
         return Doppler(config.sensor.doppler_beta)

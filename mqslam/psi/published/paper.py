@@ -83,10 +83,10 @@ class ExhaustiveSearch:
     """The motions that an exhaustive search tries in two rounds.
 
     Args:
-        speeds: (V,) speeds that the first round tries [m/s].
-        yaw_rates: (W,) yaw rates that the first round tries [rad/s].
-        fine_speeds: (X,) differences from the first round's best speed that the second round tries [m/s].
-        fine_yaw_rates: (Y,) differences from the first round's best yaw rate that the second round tries [rad/s].
+        speeds: (V,) m/s, first round.
+        yaw_rates: (W,) rad/s, first round.
+        fine_speeds: (X,) m/s, second round, as differences from the first round's best speed.
+        fine_yaw_rates: (Y,) rad/s, second round, as differences from the first round's best yaw rate.
     """
 
     speeds: NDArray[np.float64]

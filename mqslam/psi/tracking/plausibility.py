@@ -89,7 +89,7 @@ class PredictionErrors:
 
     @property
     def is_young(self) -> bool:
-        """Whether too few errors are known, because the track has just begun or goes on after lost scans."""
+        """Whether fewer than 16 errors are known, because the track has just begun or goes on after lost scans."""
         return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
 
     def forget(self) -> None:

@@ -244,8 +244,8 @@ class LastMatch:
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
         """Predicts the state at the start of a later scan.
 
-        The acceleration is constant if the scan follows soon (`is_before`). After a longer gap the twist is constant. After
-        more than LONGEST_COAST_S the sensor is predicted to be at rest, at its last pose.
+        If the scan follows soon (`is_before`), the acceleration lasts (`predict`). After a longer gap the twist is constant
+        (`coast`). After more than LONGEST_COAST_S the sensor is at rest at its last pose.
         """
         dt, belief = scan.t0 - self.t0, self.belief
         if self.is_before(scan):

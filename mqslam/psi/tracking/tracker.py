@@ -272,7 +272,7 @@ class Tracker:
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
         scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. If a
         scan does not match there, the motions between this scan, all earlier scans and the next scan stay as they were first
-        measured. A tracker that is guided by odometry changes nothing.
+        measured. A guided tracker changes nothing.
 
         Args:
             scans: scans of the map so far.
