@@ -42,7 +42,7 @@ class Comparison:
         rows: front ends and given trajectories, including those that failed.
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
-        psi_across: psi per point across passes, by the rows' names; empty where no place is passed twice.
+        psi_across: psi per point across passes, by the rows' names, see `measure_rows_across`.
         compared: number of scans that every row covers, on which the rows are judged.
         places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
         stations: places spread evenly over time. The crops at these places come next in `JudgedRow.crops`.
@@ -122,10 +122,10 @@ def compare_rows(
 def measure_rows_across(
     judged: Mapping[str, JudgedRow], best: Best | None, scans: Scans, settings: Config, beam: Beam, engine: Engine
 ) -> dict[str, float]:
-    """Measures, for every row, psi per point across passes of a place.
+    """Measures psi across passes of each row: psi per point of later passes' returns among the returns of earlier passes.
 
     psi of different places cannot be compared, so all rows are measured at the same places: where the best row passes a
-    place twice. If several rows may be the best, the first of these rows decides.
+    place twice. If several rows may be the best, the places of the first of these rows are taken.
 
     Args:
         judged: judgements of the rows, by the rows' names.
@@ -136,7 +136,7 @@ def measure_rows_across(
         engine: where the points are scored; the result does not depend on it.
 
     Returns:
-        psi per point, by the rows' names; empty where no place is passed twice.
+        psi per point, by the rows' names; empty if the best row passes no place twice.
     """
     tracks = {name: row.row.trajectory for name, row in judged.items()}
     poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}

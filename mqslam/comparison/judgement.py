@@ -46,10 +46,10 @@ class Place:
     """A place at which the rows can be compared by eye: a window of scans.
 
     Args:
-        begin, end: numbers of the window's scans, begin <= k < end, among the scans that all rows cover.
+        begin, end: the window holds the scans with indices begin <= k < end among the scans that all rows cover.
         t0, t1: times at which the window begins and ends [s] since the recording's start.
-        apart_m: largest difference between two rows' motions through the window [m], which includes the difference in yaw
-            times a lever; zero where it was not measured.
+        apart_m: largest difference between two rows' motions through the window [m]: of the position, and of the yaw times
+            `_LEVER_M`, as root of the sum of squares; zero for a place of `pick_stations`, which does not measure it.
     """
 
     begin: int
@@ -68,7 +68,7 @@ class JudgedRow:
         psi_per_point: score per point of its rendered map; None without points.
         matched: share of the map's points with a neighbour from another scan; None without points.
         audit: audit of its map.
-        before, after: errors against ground truth before and after the back end, or None without ground truth.
+        before, after: errors against ground truth before and after the back end; None without enough ground truth.
         nees: mean squared error of its motions in units of their covariances, per degree of freedom: 1 on average if the
             covariances are right. None if it cannot be computed, for example without ground truth or motions.
         crops: for each place, points (M, 2) [m] of its window, in the frame of the sensor at the window's middle scan.
@@ -112,6 +112,8 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
 
 def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
     """Finds the windows over which the motions of the trajectories differ most; the largest difference comes first.
+
+    There are at most `_PLACES` windows, and at least `_PLACES_APART` other windows lie between two of them.
 
     Args:
         scans: scans that every trajectory covers.
@@ -191,7 +193,7 @@ class Judge:
         return shown, judged
 
     def judge(self, row: Row) -> JudgedRow:
-        """Judges a row that has a trajectory."""
+        """Judges a row that has a trajectory; without ground truth, the errors and the NEES are None."""
         assert row.trajectory is not None and row.odometry is not None
         scans, truth, beam, engine = self.scans, self.truth, self.beam, self.engine
         audit_config, estimator, verdict = self.settings.audit, self.settings.estimator, self.settings.verdict
@@ -211,7 +213,7 @@ class Judge:
 
 
 def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
-    """Returns the ground truth from the start of the first scan to the end of the last one; None if it is empty."""
+    """Returns the ground truth from the start of the first scan to the end of the last one; None if there is none."""
     begin, end = (scans.start_us + round(1e6 * time_s) for time_s in (scans[0].t0, scans[-1].t1))
     inside = (truth.stamps_us >= begin - SLACK_US) & (truth.stamps_us <= end + SLACK_US)
     return Trajectory(truth.stamps_us[inside], truth.poses[inside]) if inside.any() else None

@@ -32,9 +32,9 @@ class Row:
 
     Args:
         name: name of the row in the table.
-        failure: why there is no result; None if there is one.
-        odometry: the front end's motions, chained without optimisation; None for a failed row.
-        trajectory: the trajectory after the back end, or the given one; without a back end the same as `odometry`.
+        failure: why there is no trajectory, or why its map could not be judged; None for neither.
+        odometry: the front end's motions, chained without optimisation, or the given trajectory; None if there is none.
+        trajectory: the trajectory after the back end; without a back end the same as `odometry`.
         measurements: the front end's relative motions; empty for a given trajectory.
         loops, loops_rejected: numbers of loop closures that the back end kept and rejected.
         measure_s, back_end_s: seconds that the front end and the back end took.

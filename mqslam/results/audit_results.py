@@ -217,7 +217,9 @@ def share_to_numbers(torn: Share) -> dict[str, Any]:
 
 
 def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
-    """Returns the entry of audit.json on the mended trajectory: how it was mended, and its own audit without `_OF_BOTH`.
+    """Returns the entry `mended` of audit.json: how the trajectory was mended, and the audit of the mended trajectory.
+
+    Entries that are the same for both trajectories (`_OF_BOTH`) are left out.
 
     Args:
         mended: the mended trajectory and its audit.
@@ -280,7 +282,10 @@ def list_unjudged(audit: Audit) -> list[str]:
 
 
 def _list_uncovered(sweeps: Sweeps) -> list[str]:
-    """Returns a line on scans without poses, and one on times with poses but without points, if longer than a window."""
+    """Returns a line on scans without poses, and one on times with poses but without points.
+
+    Each line is left out if what it is about is not longer than a window; without a trajectory, there are no lines.
+    """
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
         return []
@@ -321,7 +326,8 @@ def _median(values: Sequence[float]) -> float | None:
 def summarise_audit(audit: Audit) -> dict[str, Any]:
     """Returns entries of audit.json on steps, spans, sums of spans, errors of the whole trajectory, and final psi.
 
-    Final psi is psi divided by the lowest psi that the same returns can have; None if no window or revisit shows it.
+    Final psi is psi divided by the lowest psi that the same returns can have: (1) over all decided windows, (2) across
+    passes, over all sure revisits. Each is None without such a window or revisit.
     """
     return {
         "final_psi": {
@@ -358,7 +364,10 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show; None is 0 spans."""
+    """Returns the entry `pooled` of audit.json: errors of the whole trajectory that all spans show together.
+
+    If the spans are too few for that (`pooled` is None), the entry only states that 0 spans were used.
+    """
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}

@@ -102,7 +102,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
 
 
 def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
-    """Returns the entry of compare.json on a row; for a row that failed (`judged` is None), only its name and failure.
+    """Returns the entry of compare.json on a row; for a row that was not judged (`judged` is None), its name and failure.
 
     The psi across passes, `across`, is None if it is not known. `scans` is the number of scans in the recording.
     """
@@ -149,7 +149,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
 
 
 def _find_median_inflation(audit: Audit) -> float | None:
-    """Returns the median inflation of windows; None if half of them or more are undecided or contradicted by their speed."""
+    """Returns the median inflation of windows; None if at least half are undecided or contradicted by their speed checks."""
     unknown = [w.undecided is not None or contradicts(w.speed, audit.capture) for w in audit.windows]
     values = [np.inf if no else w.bend.inflation for w, no in zip(audit.windows, unknown, strict=True)]
     median = float(np.median(values)) if values else np.inf
@@ -159,15 +159,15 @@ def _find_median_inflation(audit: Audit) -> float | None:
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
     """Returns the table of a comparison as text for people.
 
-    Columns without values are left out. Psi per point has no column, because a worse map may have a smaller value: it only
-    compares scans that follow each other.
+    Columns without values are left out. Psi per point of the whole map has no column, because a worse map may have a smaller
+    value: it mostly compares scans that follow each other.
 
     Args:
         summary: content of compare.json.
 
     Returns:
         The lines of the table, each a list of cells, with the head as line 0, and (line, column) of each best value. Only
-        columns with an arrow, and with values in two rows or more, have best values; values with one text are equally good.
+        columns with an arrow, and with values in two rows or more, have best values; values with equal texts are equal.
     """
     rows: list[dict[str, Any]] = summary["rows"]
     shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
@@ -254,7 +254,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
 
 
 def _write_row(folder: Path, row: Row, recording: Recording) -> None:
-    """Writes the results of a row that did not fail into a new folder; a front end's have a pose for every scan."""
+    """Writes the trajectory of a row and what led to it into a new folder; a front end's has a pose for every scan."""
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
     trajectory = recording.complete(row.trajectory) if row.measurements else row.trajectory

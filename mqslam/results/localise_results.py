@@ -87,7 +87,7 @@ def summarise(
 
 
 def _list_warnings(localised: Localised) -> list[str]:
-    """Returns warnings about poses that are doubtful, and about covariances that are scaled by a usual factor."""
+    """Returns warnings about predicted poses, recognised places that disagree, and covariances scaled by a usual factor."""
     warnings = []
     statuses = localised.statuses
     for status, why in (
@@ -151,7 +151,10 @@ def write_localised(
 
 
 def _list_poses(localised: Localised) -> list[dict[str, Any]]:
-    """Returns the rows of poses.csv: each scan's pose in the map, standard deviations, status, psi and matched share."""
+    """Returns the rows of poses.csv: each scan's pose in the map, standard deviations, status, psi and matched share.
+
+    The standard deviations are along and across the scan's heading [m], and of its yaw [rad].
+    """
     rows = []
     for k, (x, y, yaw) in enumerate(localised.poses.tolist()):
         row: dict[str, Any] = {"stamp_us": int(localised.stamps_us[k])}

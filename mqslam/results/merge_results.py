@@ -81,10 +81,10 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
-    """Returns the uncertainty of the recordings' alignment, and the share of it that is small enough to search for changes.
+    """Returns how uncertain the recordings' alignment is, by the standard deviations [m] of keyframes.
 
-    The uncertainty consists of the standard deviations [m] of each keyframe relative to each other recording; the result
-    holds their median and their maximum. All values are None if no standard deviation is known.
+    There is one for each keyframe relative to each other recording. The result holds their median, their maximum, and the
+    share of them that is small enough to search for changes; all three are None if no standard deviation is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]
@@ -143,7 +143,7 @@ def format_links(merged: Merged) -> str:
     """Returns the links between the recordings of a merge as CSV.
 
     Each row names two keyframes by recording and stamp, and holds the pose of the later keyframe in the frame of the earlier
-    keyframe [m, m, rad], its covariance, and scores.
+    keyframe [m, m, rad], its covariance, the matched share, psi of the link and before and after it, and the residual.
     """
     keyframes = merged.kept.keyframes
 
@@ -164,7 +164,7 @@ def format_links(merged: Merged) -> str:
 
 
 def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
-    """Returns the numbers on how places of one merged result were recognised in another; results are numbered from 1."""
+    """Returns the fields of a `Recognition` by name, as counts; the results `earlier` and `later` are numbered from 1."""
     return {
         "earlier": recognition.earlier + 1,
         "later": recognition.later + 1,

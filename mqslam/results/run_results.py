@@ -215,7 +215,7 @@ def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovarianc
 
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:
-    """Returns measurements as CSV: times t0 and t1 [s], the motion between them, its covariance, psi, points and status.
+    """Returns measurements as CSV, with the fields of `Measurement` in the columns `_MEASUREMENT`.
 
     The motion is dx [m], dy [m], dyaw [rad]. It and its covariance are in the frame of the pose at t0.
     """
@@ -246,9 +246,10 @@ def format_graph_table(run: Run) -> str:
 
 
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
-    """Returns the kind of an edge: `measurement`, `map`, `motion`, `loop` or `refinement`.
+    """Returns the kind of an edge from its two vertices, of which those below `size` are scans and all others are submaps.
 
-    The `ends` of the edge are numbers of vertices: below `size` those of scans, from `size` on those of submaps.
+    An edge from a submap is a `measurement` (to a scan) or a `map` (to a submap). An edge between scans is a `motion` if the
+    scans are successive, a `loop` if its loss is that of loops, and else a tie of the `refinement`.
     """
     a, b = ends
     if a >= size:
@@ -295,7 +296,10 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns how gyroscope, GNSS and chirps are used, and how far each moves the trajectory; None for a missing sensor."""
+    """Returns how gyroscope, GNSS and chirps are used, and how far each moves the trajectory ([m] RMS; rad at its end).
+
+    The entry of a missing sensor is None; the distance and the angle are None if they are not known.
+    """
     used = run.sensors
     found: dict[str, dict[str, Any] | None] = {
         "gyroscope": None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope),
@@ -338,7 +342,7 @@ def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
 
 
 def _list_rotation(rotation: Rotation) -> dict[str, Any]:
-    """Returns the parameters by which a gyroscope's readings are converted to rotations of the radar."""
+    """Returns the fields of a `Rotation`, which convert a gyroscope's readings to rotations of the radar, by name."""
     return {
         "axis": rotation.axis,
         "upside_down": rotation.sign < 0.0,

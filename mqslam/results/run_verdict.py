@@ -43,8 +43,8 @@ _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in
 def judge_run(run: Run) -> dict[str, list[Finding]]:
     """Returns the findings of each test of a run's map by the test's name.
 
-    Only windows show how good the map is. If no window was judged, the map is not judged, and warnings of other tests
-    become `not judged`, too.
+    If the audit judged no window, nothing shows how good the map is. Warnings of the tests on sensors, tracking and graph
+    then become `not judged`, so that they do not appear as a verdict on the map.
     """
     if run.checked is None and CHECK in run.crashes:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
@@ -64,7 +64,7 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
 
 
 def _judge_nothing(finding: Finding) -> Finding:
-    """Returns a finding of a map without judged windows: a warning becomes `not judged`, any other finding stays."""
+    """Returns the finding that replaces another if no window was judged: a warning becomes `not judged`, others stay."""
     return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
@@ -100,7 +100,10 @@ def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns begin and end of each long stop [s since the recording's start]; the map holds only a stop's first scan."""
+    """Returns begin and end [s since the recording's start] of each stop of at least `_STOP_S`.
+
+    The map holds only the first scan of a stop, which is why a reader is told about it.
+    """
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
@@ -170,7 +173,7 @@ def _judge_track(run: Run) -> list[Finding]:
 
 
 def _judge_passes(run: Run) -> list[Finding]:
-    """Returns a finding on how optimisation changed psi across passes; an empty list if psi cannot show the change."""
+    """Returns a list of one finding, on how optimisation changed psi across passes; empty if psi cannot show the change."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
     return [_blame_optimisation(status, f"psi per point across passes {ratio}") for status, ratio in compared]
 
@@ -182,9 +185,10 @@ def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
-    """Returns the findings on the whole map, and on how optimisation changed its psi; an empty list if psi cannot show this.
+    """Returns a list of one finding on the whole map, or an empty list if psi cannot show how optimisation changed it.
 
-    If the sensor stood still, the map holds one scan, and none of its points is matched.
+    The finding is (1) that the graph could not be optimised, or else (2) that no point of the map is matched, as if the
+    sensor stood still and the map holds one scan, or else (3) the change of psi per point.
     """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
@@ -223,7 +227,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor:
     """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all.
 
     Args:
-        gaps: number of the scan before each gap, and the missing time [s].
+        gaps: index of the scan before each gap, and the missing time [s].
         longest_coast_s: longest gap that the tracker bridges by a prediction.
         sensor: what the warnings call the sensor.
     """
@@ -286,5 +290,5 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns the trajectory's speed divided by odometry's; None if the run has no odometry or hardly moves."""
+    """Returns the trajectory's median speed divided by odometry's; None if there is no odometry or either hardly moves."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None
