@@ -94,8 +94,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         trajectory: poses of the sensor, or the path of a file or of another SLAM system's result, or the name of a
             trajectory that the recording carries: `recording`, `odometry` or `ground_truth`.
         times: file with the stamps of a KITTI trajectory, one per line.
-        topic: topic of the trajectory in a bag; None takes the only topic that holds poses.
-        frame: frame whose pose is read from the transforms of a bag; None takes base_link, or the only frame that moves.
+        topic: topic of the trajectory in a bag; None takes the only topic that holds poses or, if none does, the transforms.
+            If several topics hold poses, one must be named.
+        frame: frame whose pose is read from the transforms of a bag; None takes base_link, or the only frame that moves. If
+            several frames move, one must be named.
         time_offset_s: time that is added to the stamps of the trajectory [s], if its clock differs from the data's.
         extrinsics: pose of the sensor in the frame whose trajectory is given, such as a vehicle's base: x [m] forward, y [m]
             to the left and yaw [degrees] to the left, or the three as a text X,Y,YAW; None if the trajectory is the
@@ -109,7 +111,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             of the settings.
         test: Python file with a test of your own, which then also judges the map; None adds no test.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
-            file, or the name of a shipped configuration; None takes the defaults.
+            file, or the name of a shipped configuration; None takes the defaults. With a lidar's recording or cloud, lengths
+            that suit rooms take the place of defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
@@ -333,7 +336,7 @@ def _judge_sweeps(
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
-    """Makes the subject of an audit from a cloud, which is divided into sweeps.
+    """Makes the subject of an audit from a cloud, which is divided into sweeps; a lidar's cloud gets the settings of rooms.
 
     Args:
         data: the cloud's file.

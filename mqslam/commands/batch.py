@@ -199,7 +199,10 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
 
 
 def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutcome]:
-    """Makes the runs that are not finished yet, and returns the outcome of each run."""
+    """Makes the runs that are not finished yet, and returns the outcome of each run, in the order of `orders`.
+
+    A run whose results this machine does not see, since a worker wrote them elsewhere, counts as failed.
+    """
     before = [_find_kept(terms, order) for order in orders]
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
 

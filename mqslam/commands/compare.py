@@ -65,7 +65,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             a name adds the gyroscope to the pose graph of that front end.
         trajectories: trajectories to compare with, by the names of their rows; each is a `Trajectory`, the path of a file,
             or the two paths of a KITTI trajectory's poses and times.
-        odometry_only: whether the front ends' motions are only chained, without pose graph and loops.
+        odometry_only: whether the front ends' motions are only chained, without pose graph and loops; then without `+gyro`.
         kiss_config: YAML file with KISS-ICP's own settings; None takes those of `config`.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file. With a radar's recording, only
             the front end `odometry` uses it; with a lidar's recording, every front end and pose graph does, as in a run.

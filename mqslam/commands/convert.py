@@ -82,7 +82,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
 
 
 def _write_keyframes(out: Path, folder: Path, *, force: bool) -> None:
-    """Writes the points of keyframes, in the frame of their map, to a PLY file as a run's map.ply; psi is NaN.
+    """Writes the points of keyframes, in the frame of their map, to a PLY file in the form of map.ply; psi is NaN.
 
     Raises:
         DataError: the folder holds no keyframes, or they are damaged.

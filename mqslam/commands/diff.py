@@ -76,9 +76,10 @@ def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
 
 
 def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
-    """Returns the settings that differ, each with [first value, second value]; the versions of mqslam may differ, too.
+    """Returns the settings that differ, as `_list_changes` does.
 
-    The dict is empty if a result has no config.yaml, such as the result of a batch.
+    The files are not checked, since another version of mqslam may have written them. The dict is empty if a result has no
+    config.yaml, such as the result of a batch.
     """
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):
@@ -151,7 +152,7 @@ def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | Non
 
 
 def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, float]:
-    """Returns the largest distance and rotation, and the RMS distance, between trajectories with the same stamps."""
+    """Returns the differences between trajectories with the same stamps, which `diff_results` describes."""
     distances = np.hypot(*(second_track.poses - first_track.poses)[:, :2].T)
     turns = np.abs(se2.wrap(second_track.poses[:, 2] - first_track.poses[:, 2]))
     seconds = first_track.seconds(int(first_track.stamps_us[0]))

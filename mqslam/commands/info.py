@@ -52,8 +52,8 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
 
     Returns:
         format, path, scans (their number), duration_s [s], scan_rate_hz [1/s], returns (mean number per scan), max_range_m
-        (range of the farthest return [m]), odometry and recording (the poses that come with the scans; each None, or the
-        number of poses and length_m [m]), and notes.
+        (range of the farthest return [m]), odometry, recording (the trajectory that comes with the scans), both None or the
+        number of poses and length_m [m], and notes.
     """
     steps = np.diff(lidar.scans.stamps_us) * 1e-6
     return {

@@ -34,12 +34,12 @@ _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and deg
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The user's choice of each input besides the radar's or lidar's own recording.
+    """The user's choice of each input besides the scans. `auto` takes what the recording holds, if it holds any.
 
     Args:
-        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        odometry: `auto`, `none`, or the path of a file.
         imu: the gyroscope: `auto`, `none`, or the path of a file.
-        gnss: the GNSS fixes: `auto`, `none`, or the path of a file.
+        gnss: the GNSS fixes: `auto` (not fixes from which the ground truth was made), `none`, or the path of a file.
         extrinsics: pose of the radar on the vehicle: `auto`, `none`, or a text X,Y,YAW (metres forward, metres to the left,
             degrees to the left).
         frame: whose poses a run writes: `radar` or `vehicle`.
@@ -126,7 +126,7 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
     """Returns the odometry that a run uses, as poses of the radar, and notes for the user on why odometry is not used.
 
     Odometry is the motion of the vehicle; if `mount` is None, it is taken as the motion of the radar. The trajectory that is
-    returned is None if there is no odometry, or if the recording's own odometry does not cover the recording.
+    returned is None if there is no odometry, if `choice` is `none`, or if the recording's own does not cover the recording.
 
     Args:
         recording: the recording.
@@ -284,9 +284,12 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
 def _choose_sensor(
     recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
 ) -> Reading[S | None]:
-    """Returns the sensor that `read` reads from the file `choice`, the recording's `own` sensor, or None.
+    """Returns no sensor for the choice `none`, the recording's `own` for `auto`, or else what `read` reads from that file.
 
     If the recording's own sensor shares no time with the radar, the result is None with a fault that begins with `unused`.
+
+    Raises:
+        DataError: the file cannot be read, or shares no time with the recording.
     """
     if choice == "none":
         return Reading(None)

@@ -17,12 +17,15 @@ ROOMS_CONFIG: Final = "rooms"
 
 
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings that were left at their defaults to a lidar; lengths are multiplied by the scans' unit of length."""
+    """Fits settings that were left at their defaults to a lidar.
+
+    Those that the configuration `lidar` holds get its values. Other lengths are multiplied by the scans' unit of length.
+    """
     return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
 
 
 def fit_to_rooms(settings: Config) -> Config:
-    """Fits settings to the audit of a lidar's log or a finished cloud: lengths that suit rooms replace the defaults."""
+    """Replaces default settings by those for rooms and lidars, for the audit of a lidar's log or of a finished cloud."""
     return fit_settings(fit_settings(settings, load_config(ROOMS_CONFIG), 1.0), load_config(LIDAR_CONFIG), 1.0)
 
 

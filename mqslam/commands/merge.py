@@ -41,8 +41,8 @@ def merge(
     """Makes one map from the results of several recordings, and finds what changed between them.
 
     Places that the recordings share are recognised without a starting guess, and psi registers the recordings on each other
-    there. These registrations link the graphs of all results, which are optimised as one. The map is in the frame of the
-    first result.
+    there. These registrations, the links, join the graphs of all results, which are optimised as one. The map is in the
+    frame of the first result.
 
     Args:
         results: folders of results of `run` or `merge`, two or more.

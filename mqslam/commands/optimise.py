@@ -112,7 +112,7 @@ def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
 
 
 def _hold(values: gtsam.Values, key: int) -> gtsam.NonlinearFactor:
-    """Returns a factor that fixes the pose of a key at its value in `values`."""
+    """Returns a factor that fixes the pose of a key at its value in `values`, so that the graph cannot move as a whole."""
     if values.dims()[key] == 6:
         return gtsam.NonlinearEqualityPose3(key, values.atPose3(key))
     return gtsam.NonlinearEqualityPose2(key, values.atPose2(key))

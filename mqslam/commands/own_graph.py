@@ -59,7 +59,7 @@ class PsiFactors(list[Stated]):
         chained: (N, 3) pose of every scan in the frame of the first scan, by the measurements alone [m, m, rad].
         scan_keys: (N,) key of every scan.
         submap_keys: (J,) key of every submap.
-        first_scans: (J,) number of each submap's first scan; the pose at its start is the frame of the submap.
+        first_scans: (J,) index of each submap's first scan; the pose at this scan's start is the frame of the submap.
     """
 
     def __init__(
@@ -129,9 +129,9 @@ def psi_factors(
 ) -> PsiFactors:
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
-    A run without loops has the same factors, and therefore the same optimum. A run's covariances also contain the error of
-    the radar's scale, which all its lengths share. These factors do not contain this error, because the errors of factors
-    are independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
+    A run with the same odometry, without loops and other sensors, has the same factors, and therefore the same optimum. A
+    run's covariances also contain the error of the radar's scale, which all its lengths share. These factors do not contain
+    it, because errors of factors are independent. Gyroscope and GNSS are not used: their factors are left to the user.
 
     A scan is measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one
     scan is placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors
@@ -292,12 +292,12 @@ class RefinedGraph:
     Args:
         graph: the given factors, with the factors of the ties and of the loops that stay.
         values: the optimum of this graph.
-        loops: (factor, loop) of the loops that stay, because no tie measures their returns.
+        loops: (factor, loop) of the loops that stay, because no tie measures their returns; all loops if there are no ties.
         ties: (factor, tie) of the registrations of single scans on the earlier passes around them; a tie holds the pose of
             its scan in the frame of the nearest scan of these passes.
         psi_before: psi across passes at the given values: psi per point of the returns of later passes, with the returns of
             earlier passes as their neighbours. None where no place is passed twice.
-        psi_loops: the same psi at the optimum with all loops, before any scan was registered.
+        psi_loops: the same psi at the optimum with all loops and no ties.
         psi_after: the same psi at the optimum of this graph.
     """
 
@@ -325,8 +325,9 @@ def refine(
 
     These registrations, called *ties*, become factors that replace the loops between the same passes, since both use the
     same returns, and no return may count twice. A scan is registered only on passes that a loop connects with the scan's own
-    pass. The graph is optimised again, and the scans are registered once more at their new poses. If psi across passes
-    becomes larger, the graph is returned with its loops instead of the ties.
+    pass. The graph is then optimised again, and in the next round the scans are registered once more at their new poses. A
+    round that makes psi across passes larger is undone and is the last: the graph has the ties of the round before, or after
+    the first round its loops.
 
     Args:
         graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's

@@ -86,7 +86,10 @@ def _read_track(folder: Path) -> Trajectory:
 
 
 def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
-    """Adds ground truth, aligned with the path, to the curves, and the error along the path to the charts."""
+    """Adds ground truth, aligned with the path, to the curves, and the error along the path to the charts.
+
+    Nothing is added if fewer than 3 stamps of the truth lie in the time of the path.
+    """
     motion, errors = align_positions(track, truth), trace_errors(track, truth)
     if motion is None or errors is None:
         return
@@ -96,7 +99,10 @@ def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts
 
 
 def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
-    """Adds 3-sigma ellipses to the curves, and standard deviations along and across the heading to the charts."""
+    """Adds 3-sigma ellipses to the curves, and standard deviations [m] along and across the heading to the charts.
+
+    Nothing is added if no covariance has the stamp of a pose.
+    """
     given = read_covariances(file)
     known = np.isin(given.stamps_us, track.stamps_us)
     if not known.any():

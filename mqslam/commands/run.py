@@ -140,7 +140,7 @@ class Job:
         return key if self.frame == RADAR else f"{key} {self.frame}"
 
     def choose_frame(self, run: Run) -> tuple[Run, Recording]:
-        """Returns a finished run and the recording with its ground truth, both converted to poses of `frame`."""
+        """Returns a finished run and its recording; for the frame `vehicle`, both with poses converted to the vehicle's."""
         mount, truth = self.sensors.mount, self.recording.ground_truth
         if self.frame == RADAR or mount is None:
             return run, self.recording
@@ -160,9 +160,11 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
     span: Span = WHOLE,
     unit_m: float | None = None,
 ) -> Job:
-    """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
+    """Opens a recording and chooses its odometry and sensors.
 
-    For a lidar's recording, `unit_m` is the unit of length of the computations [m]; None measures the unit from the scans.
+    The arguments are those of `run`, but `settings` is its `config` with the tolerance, `inputs` are its other inputs and
+    its `frame`, and `span` is its (`start_s`, `end_s`). For a lidar's recording, `unit_m` is the unit of length of the
+    computations [m]; None measures the unit from the scans.
 
     Raises:
         ConfigError: the format, the front end or the frame is unknown, a lidar's recording is given what only radars use,

@@ -38,7 +38,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     Args:
         data: the recording.
         start: the first scan of the window begins at or after this time [s since the recording's start].
-        motion: (2,) v, omega or (3,) vx, vy, omega [m/s, rad/s].
+        motion: constant twist of the sensor: (2,) v forward [m/s], omega [rad/s], or (3,) vx forward, vy to the left, omega.
         scans: number of scans in the window.
         variant: values that replace `temporal`, `numerator`, `factor` and `unmatched` of the settings; None keeps a setting.
         minimise: whether the motion is estimated as well, starting from the given motion.
@@ -53,7 +53,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
     Raises:
         ConfigError: the variant has an unknown value, or the recording does not hold the window.
-        DataError: a polar scan cannot be read.
+        DataError: the recording cannot be used, or a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
     chosen = {name: value for name, value in (variant or {}).items() if value is not None}

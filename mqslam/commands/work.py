@@ -26,8 +26,9 @@ class Work:
         engine: does the work; no result depends on the choice of the engine.
         progress: called with the name of a stage, the number of steps done and the number of all steps.
         tell: called with every note for the user about the data, as soon as the note is known.
-        word: returns a text of an audit's run.log, audit.md or junit.xml with other remedies, such as the names of options.
-        watch: called by a run with every scan once its motion is measured; None is not called.
+        word: returns a text for an audit's run.log, audit.md or junit.xml with its remedies in the caller's words, such as
+            the names of options on a command line.
+        watch: called by a run with every scan once its motion is measured; None if nothing watches.
     """
 
     engine: Engine = HERE

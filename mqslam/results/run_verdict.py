@@ -100,10 +100,7 @@ def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns begin and end [s since the recording's start] of each stop of at least `_STOP_S`.
-
-    The map holds only the first scan of a stop, which is why a reader is told about it.
-    """
+    """Returns begin and end [s since the recording's start] of each stop of at least `_STOP_S`."""
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
@@ -290,5 +287,5 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns the trajectory's median speed divided by odometry's; None if there is no odometry or either hardly moves."""
+    """Returns the trajectory's median speed divided by odometry's; None without odometry, or if both hardly move."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None
