@@ -241,8 +241,7 @@ def loop_factors(
         graph: all factors of the values except the factors of loops; they must determine every variable. It is not changed.
             With a lidar's recording, it may hold only between-factors and priors of `gtsam.Pose2`.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
-            file, or the name of a shipped configuration; None takes the defaults.
-            `loops.enabled` has no effect.
+            file, or the name of a shipped configuration; None takes the defaults. `loops.enabled` has no effect.
         pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
             deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
         work: where the work is done, and what reports on it, including pairs of passes that were left out.

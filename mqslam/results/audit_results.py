@@ -211,7 +211,7 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns entries of audit.json: the number of torn windows or revisits, and bounds of their true share."""
+    """Returns entries of audit.json: the number of torn windows or revisits, and bounds of their true share (0 to 1)."""
     bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
     return {"torn": torn.count, **bounds}
 

@@ -215,7 +215,7 @@ def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovarianc
 
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:
-    """Returns measurements as CSV, with the fields of `Measurement` in the columns `_MEASUREMENT`.
+    """Returns measurements as CSV: times t0 and t1 [s] and other fields of `Measurement`, in the columns `_MEASUREMENT`.
 
     The motion is dx [m], dy [m], dyaw [rad]. It and its covariance are in the frame of the pose at t0.
     """

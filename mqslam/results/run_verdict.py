@@ -287,5 +287,5 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns the trajectory's median speed divided by odometry's; None without odometry, or if both hardly move."""
+    """Returns the trajectory's median speed divided by odometry's; None without odometry, or if they show no ratio."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None
