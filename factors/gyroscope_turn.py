@@ -62,7 +62,7 @@ def bias_walk(a: int, b: int, walk: float, constant: float) -> gtsam.BetweenFact
         a: key of the earlier calibration.
         b: key of the later calibration.
         walk: standard deviation of the change of the bias from the earlier to the later calibration [rad/s].
-        constant: standard deviation of the same change of the scale error [1].
+        constant: standard deviation of the change of the scale error between the same calibrations [1].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([walk, constant]))
     return gtsam.BetweenFactorVector(a, b, np.zeros(2), sigmas)

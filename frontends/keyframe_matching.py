@@ -48,7 +48,7 @@ class Registration(Protocol):
 
 
 class KeyframeMatcher:
-    """A `ScanMatcher` that registers each scan on a map of the last keyframes twice, at first with a wide reach.
+    """A `ScanMatcher` that registers each scan on a map of the last keyframes: first with a wide reach, then more closely.
 
     Args:
         registration: the library's registration.
@@ -67,7 +67,7 @@ class KeyframeMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map; see `ScanMatcher`."""
+        """Matches a scan, and adds it to the map if it is far enough from the last keyframe; see `ScanMatcher`."""
         near = np.hypot(points[:, 0], points[:, 1]) < self._settings.max_range_m
         placed = deskew(points[near], fractions[near], motion)
         predicted = se2.compose(before, motion)
@@ -76,7 +76,7 @@ class KeyframeMatcher:
         return match
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> PlacedScan | None:
-        """Places the points (N, 2) [m] of a scan in the map; returns None if hardly any point has a near map point."""
+        """Places the points (N, 2) [m] of a scan in the map; None without a map, or if hardly any map point is near."""
         reach, first_reach = self._registration.reach_m, _FIRST_REACH * self._registration.reach_m
         if self._map is None or not len(placed):
             return None

@@ -49,7 +49,7 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
 
     Args:
         scans: scans of the recording.
-        settings: settings of the tracker, of which only `segment_scans` is used.
+        settings: only `segment_scans` is used; if it is 0, each direction is a single segment.
     """
     count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
     warm_up, shared = WARM_UP_SCANS, _SHARED_SCANS

@@ -145,7 +145,7 @@ class _Setting:
 
 
 class _LocalisedScans:
-    """The table of poses in the map that have been found so far, one row per scan of a recording.
+    """The poses in the map that have been found so far, one for each scan of a recording.
 
     Args:
         count: number of scans.
@@ -196,7 +196,7 @@ def localise(
         runner: does the work, and times it.
 
     Raises:
-        NotInMapError: no place of the map was recognised.
+        NotInMapError: no row of places was recognised, or too few scans along each recognised row lie on the map.
     """
     poses = se2.chain(motion.pose for motion in motions)
     setting = _Setting(TrackedRun.of(scans, poses), motions, made.keyframes, estimator, beam)
@@ -241,17 +241,17 @@ def localise(
 def _look_up(
     setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
 ) -> Iterator[tuple[list[list[Loop]], int, int]]:
-    """Recognises places of the map in a recording, block by block; blocks without wanted scans are skipped.
+    """Recognises places of the map in a recording, block by block; a block is a few successive submaps of the recording.
 
-    The function yields for each block the rows of recognised places, the number of submaps that were compared with the map
-    for the first time, and how many of these fit several places about equally well. The last submaps of a block are part of
-    the next block, too, so that a row across the border between two blocks is found.
+    Yields for each block (1) the rows of recognised places, (2) the number of submaps that were not part of the block
+    before, and (3) how many of these fit several places about equally well. The last submaps of a block are part of the
+    next block, too, so that a row across the border is found. A block is skipped if no scan of its new submaps is wanted.
 
     Args:
         setting: the scans and the map.
         made: the map with its places.
         engine: engine that compares the submaps; the result does not depend on it.
-        wanted: (N,) which scans have no pose yet. The caller may change it between blocks.
+        wanted: (N,) which scans are still to be found. The caller may change it between blocks.
     """
     places = describe_map(made, setting.beam, engine).places
     database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
@@ -267,7 +267,8 @@ def _look_up(
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
     """Tracks the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
 
-    If too few scans lie on the map, or if one of the scans was tried before, the table gets no new poses.
+    The table gets no new poses if one of the scans was tried before, if the row's middle scan does not converge, or if less
+    than the share `_CONFIRMED` of the scans lies on the map.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -327,7 +328,10 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
 
 
 def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
-    """Measures the factors (3,) by which psi's variances are too small; also returns the number of pairs of scans used."""
+    """Returns the factors (3,) by which psi's variances of x, y and yaw are too small, and the number of pairs of scans.
+
+    With fewer than `FEWEST_PAIRS` pairs, the factors are not measured: each is `_USUAL_SCALE`.
+    """
     travelled = setting.drive.travelled
     converged = np.array([status is PlaceStatus.CONVERGED for status in table.statuses], dtype=np.bool_)
     pairs = []
@@ -363,7 +367,10 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
-    """Stores scaled covariances (N, 3, 3) in the table, and predicts scans off the map from the nearest scan on the map."""
+    """Completes the table: stores scaled covariances (N, 3, 3), and fills in pose and status of scans off the map.
+
+    These poses are predicted from the nearest scan on the map. Their status is OUTSIDE without keyframes around, else LOST.
+    """
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
     nearest = np.full(len(known), np.inf)
@@ -387,7 +394,7 @@ def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.
 
 
 def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
-    """Returns why a recording was not found in a map, with what was tried, and what the user can do about it."""
+    """Returns two texts: why a recording was not found in a map, with what was tried, and what the user can do."""
     unit_m = made.keyframes.unit_m or 1.0
     path_m = float(drive.travelled[-1]) * unit_m
     if looked_up < ROW:

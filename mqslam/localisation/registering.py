@@ -144,7 +144,10 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
 
 
 def is_away(moved: se2.Array, prediction: Registered) -> bool:
-    """Returns whether a pose (3,) [m, m, rad] in the frame of the prediction is farther away than the drift can explain."""
+    """Returns whether a pose (3,) [m, m, rad] in the frame of the prediction is too far away to be the predicted place.
+
+    The limits are `_ASIDE_M` and `_ASIDE_RAD`, each plus `_SIGMAS` standard deviations of the prediction.
+    """
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
     allowed_rad = _ASIDE_RAD + _SIGMAS * float(sigmas[2])

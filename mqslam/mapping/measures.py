@@ -87,7 +87,7 @@ def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float6
     Args:
         points: (N, 2) x, y [m], world frame.
         sensors: (N, 2) position x, y of the sensor when it saw each point [m], world frame.
-        cell_m: side of the grid's cells.
+        cell_m: side of the grid's cells [m].
 
     Returns:
         The entropy; NaN if there are no points, or if the grid would need too much memory.

@@ -25,13 +25,13 @@ _BLOCK = 200_000  # number of points or cells that are processed at a time: affe
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
     """Makes an occupancy grid of the points: cells with enough returns are occupied.
 
-    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell. The
-    threshold lies between n and 1, the number that a stray return leaves; it follows the speed of the drive and the turn
-    rate of the sensor, as n does.
+    A cell is occupied if it holds at least sqrt(n) returns, where n is the `_WELL_SEEN` percentile of the counts of returns
+    in cells that hold any. Between n and the single return that noise leaves, sqrt(n) is the geometric mean. Since n depends
+    on how fast the vehicle drives and the sensor turns, so does the threshold.
 
     Args:
         points: (N, 2) x, y [m], world frame.
-        cell_m: side of a cell. The cells are made larger if the grid would be more than MAX_SIDE cells long.
+        cell_m: side of a cell [m]. The cells are made larger if the grid would be more than MAX_SIDE cells long.
 
     Returns:
         The grid around the points; a single cell that is not occupied if there are no points.

@@ -38,7 +38,7 @@ _PLACED = 100_000  # while points are placed, and while the points of a strip ar
 _SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
 _LAST_COLUMN = 2**22  # largest number of a column; it also holds all points that lie farther out
-_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # numbers of points, shares, whether matched
+_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # indices of points, shares, whether matched
 
 
 def render(
@@ -182,7 +182,7 @@ def score_points(
 
     Args:
         points: the N points of the map.
-        revolution_s: usual duration of a turn of the sensor.
+        revolution_s: usual duration of a turn of the sensor [s].
         estimator: settings of the score.
         engine: engine that scores the points; the result does not depend on it.
 
@@ -251,7 +251,7 @@ def _score_strip(
         strip: number of the strip's first column, and of the column after its last one.
 
     Returns:
-        The numbers of the strip's points in the map (M,), their shares of psi (M,), and whether each is matched (M,).
+        The indices of the strip's points in the map (M,), their shares of psi (M,), and whether each is matched (M,).
     """
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)

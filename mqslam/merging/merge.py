@@ -136,7 +136,7 @@ class Merged:
         graph: the joint graph, with the links among its factors.
         values: poses of the graph's vertices, which are numbered from 0.
         map: the points of all keyframes.
-        changes: objects that one recording shows and another one misses.
+        changes: objects that one recording shows and another one misses; empty if not asked for or if the search failed.
         sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], see `measure_relative_uncertainty`.
         moved_m: for each session, the largest distance by which a pose moves if the session's graph is optimised alone [m].
         warnings: messages on steps that failed or were left out, with the reasons, and on sessions that may be misplaced.
@@ -199,7 +199,8 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
         runner: does the work.
 
     Raises:
-        EstimationError: a session shares no place with the others that is recognised with certainty.
+        EstimationError: a session shares no place with the others that is recognised with certainty, links to it make the
+            map worse, or the uncertainty of a session's trajectory cannot be computed.
     """
     beam = beam_of(config.estimator, sessions[0].map.keyframes.recordings[0].doppler_beta)
     with runner.time_stage("optimise"):
@@ -267,10 +268,9 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
 
 
 def merge_in_unit(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
-    """Makes one map of lidar sessions in the first session's unit of length; takes the arguments of `merge_sessions`.
+    """Merges lidar sessions in the first session's unit of length, and returns the result in metres.
 
-    Raises:
-        EstimationError: a session shares no place with the others that is recognised with certainty.
+    Arguments and errors are those of `merge_sessions`.
     """
     unit_m = sessions[0].map.keyframes.unit_m or 1.0
     inside = [
@@ -379,9 +379,10 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 
 
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
-    """Returns an offset for the times of each recording [s], so that no two recordings overlap in time.
+    """Returns an offset [s] for the times of each recording, so that no two recordings overlap in time.
 
-    psi recognises returns of one revolution by their times, which count from the start of each recording.
+    The times count from the start of each recording. Without offsets, psi would take returns of two recordings at like
+    times for returns of one revolution, and would not match them.
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

@@ -154,7 +154,7 @@ class Relation:
     Args:
         matches: the matches that agree; empty if they are too few, or if another relative pose fits about as well.
         agreeing: number of matches that agree on the likeliest relative pose.
-        rivals: number of matches that agree on the second likeliest relative pose.
+        rivals: number of matches that agree on another relative pose, the likeliest of those that contradict the first.
     """
 
     matches: list[Loop]
@@ -260,6 +260,9 @@ def introduce(
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
+
+    Raises:
+        EstimationError: the uncertainty of a trajectory cannot be computed.
     """
     recognitions = []
     pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
@@ -277,7 +280,7 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places the sessions in one frame, one after the other, each time the session with the most agreeing matches.
+    """Places the sessions in the frame of the first, each time the session with the most agreeing matches to a placed one.
 
     Returns:
         The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; the matches as links between
