@@ -251,7 +251,7 @@ def _look_up(
         setting: the scans and the map.
         made: the map with its places.
         engine: engine that compares the submaps; the result does not depend on it.
-        wanted: (N,) which scans are still to be found. The caller may change it between blocks.
+        wanted: (N,) which scans were not registered on the map yet. The caller may change it between blocks.
     """
     places = describe_map(made, setting.beam, engine).places
     database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)

@@ -152,7 +152,7 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
 
 
 def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
-    """Returns a chart of the distance [m] between the two passes of every revisit.
+    """Returns a chart of how far off the two passes of every revisit are [m], in three groups: not sure, not torn, torn.
 
     Args:
         revisits: the judged revisits.
@@ -177,7 +177,7 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
 def _show_mended(
     audit: Audit, sweeps: Sweeps, summary: Mapping[str, Any], mended: AuditedTrajectory | None
 ) -> Section | None:
-    """Returns a section with the given and the mended trajectory side by side; None without a mended trajectory."""
+    """Returns a section that compares the given and the mended trajectory; None without a mended trajectory."""
     after = part_of(summary, "mended")
     if mended is None or not after:
         return None
@@ -225,7 +225,11 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
 
 
 def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns the places that can be clicked, in the order of time: torn windows, some other windows, other torn places."""
+    """Returns the places that can be clicked, in the order of time.
+
+    They are (1) `_MOST_WINDOWS` windows at most, all torn windows before any other, and (2) jumps, torn spans, torn sums and
+    torn revisits, `_MOST_PAIRS` at most. If there are more, windows that are not torn and (2) are picked evenly.
+    """
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
@@ -312,7 +316,10 @@ def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_measures(audit: Audit) -> list[tuple[str, str]]:
-    """Returns for each measure its name, and as text its median, 5 % and 95 % quantiles over windows where it is known."""
+    """Returns for each measure its name, and as text its median and its 5 % and 95 % quantiles.
+
+    The quantiles are those of the windows for which the measure is known; without such a window, they are dashes.
+    """
     windows = audit.windows
     measured = [
         ("ψ of a window per point", "", [w.bend.psi for w in windows]),

@@ -137,6 +137,8 @@ def join_lines(lines: Sequence[Points]) -> Points:
 def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Points) -> tuple[Curve, float]:
     """Returns a curve of 3-sigma ellipses, enlarged if they are too small to be seen, and their largest true radius [m].
 
+    If there are more than `_ELLIPSES` positions, this number of them is picked evenly, for the curve and for the radius.
+
     Args:
         positions: (N, 2) middle x, y of each ellipse [m].
         covariances: (N, 2, 2) in x, y [m], or (N, 3, 3) in x, y, yaw, of which x and y are drawn; in the positions' frame.
@@ -172,12 +174,12 @@ def mix_shades(count: int) -> tuple[str, ...]:
 
 
 def find_common_view(positions: Sequence[Points], shape: tuple[float, float], left_out: float = 0.0) -> View:
-    """Returns the rectangle around all positions.
+    """Returns the rectangle around all positions, with a margin of 3 % on each side, and at least 1 m wide and high.
 
     Args:
-        positions: arrays (N, 2) [m], of which at least one is not empty.
+        positions: arrays (N, 2) [m], of which at least one is not empty; NaN is ignored.
         shape: least and greatest ratio of the rectangle's height to its width; the rectangle is enlarged to meet them.
-        left_out: share of the positions that may lie beyond each side, so that a few far points do not shrink the picture.
+        left_out: share of each array's positions that may lie beyond each side; far points would shrink the picture.
     """
     filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
     release(*positions)
@@ -200,7 +202,7 @@ def draw_world(
     """Draws maps and paths from above as PNG files, which share their extent, their scale and the shades for point density.
 
     Args:
-        drawings: content of each picture.
+        drawings: content of each picture, all with the same named curves: the first picture's names are every legend's.
         shape: least and greatest ratio of a picture's height to its width.
         view: part of the world that is shown; None shows everything that is drawn.
         is_small: whether the pictures are small squares without ticks.

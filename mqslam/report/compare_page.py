@@ -98,13 +98,14 @@ def write_compare_page(
 
 
 def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
-    """Ranks rows: the best row gets rank 1, the best of the remaining rows the next rank, and so on.
+    """Ranks rows by `find_best`: a row's rank is 1 plus the number of rows that were found to be better before it.
 
     Args:
         rows: rows that ran.
 
     Returns:
-        The rank of each row by its name, the best first. Rows of which none is better than the others share a rank.
+        The rank of each row by its name, the best first. Rows between which no criterion decides share a rank: after two
+        rows of rank 1 comes rank 3.
     """
     left = [Standing.of(row) for row in rows]
     ranks: dict[str, int] = {}
@@ -116,7 +117,10 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
 
 
 def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
-    """Returns the table of the rows with their ranks, the best row first; the other cells are those of the terminal."""
+    """Returns the table of the rows with their ranks: the best row first, rows that failed last, with the reason.
+
+    The other cells are those of the terminal.
+    """
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
     rows: list[tuple[str | Cell, ...]] = []
@@ -236,7 +240,7 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
 
 
 def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> list[int]:
-    """Returns the indices of the places in which the trajectory of any row moves or rotates.
+    """Returns the indices of the places in which the trajectory of any row moves or rotates; all without a trajectory.
 
     Args:
         rows: rows that ran.
@@ -253,6 +257,8 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
     """Returns (N,) whether a trajectory moves or rotates in each of N spans of time [s since the recording's start].
+
+    Its poses at begin and end of the span must be at least `TRAVEL_M` or `TRAVEL_RAD` apart, as for a scan that is rendered.
 
     Before its first pose and after its last pose, the trajectory is taken to stand still.
     """
@@ -308,7 +314,10 @@ def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explo
 
 
 def _show_difference(comparison: Comparison) -> Section:
-    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges the rows and how."""
+    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges the rows and how.
+
+    Fewer than two rows give no picture.
+    """
     rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
     drawn = draw_difference(rows, truth)
     answers = Table(("question", "answer"), _answer_sceptic(comparison), holds_words=True)
@@ -357,7 +366,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
 
     Args:
         at: (2,) middle x, y of the square [m].
-        apart_m: distance between the rows at the place.
+        apart_m: distance between the rows at the place [m].
         seen: points and paths of the rows, each (N, 2) x, y [m].
     """
     whole = find_common_view(seen, SQUARE, OUTERMOST)
@@ -368,7 +377,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns a sceptic's questions with answers: who judges, by which tests, why, and what if ground truth disagrees."""
+    """Returns a sceptic's questions and the answers: who judges, by which tests, what if ground truth disagrees, and why."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "

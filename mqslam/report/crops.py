@@ -30,7 +30,7 @@ There is an array for each sweep of a window, or one for the earlier and one for
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points in the square of a place where the correction brings later points the closest to earlier points.
+    """Returns a place's points in the square in which the correction gains most: later points come closer to earlier ones.
 
     Args:
         sweeps: the points that were judged.
@@ -63,6 +63,8 @@ def draw_crop(crop: Crop) -> list[bytes]:
 
 def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: float) -> View:
     """Returns the square whose points have the largest sum of weights; for no points, a square around the origin.
+
+    Squares are tried in steps of their side divided by `_CELLS`.
 
     Args:
         points: (N, 2) x, y [m].

@@ -241,7 +241,8 @@ def _encode_curve(curve: Curve) -> dict[str, Any]:
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Returns the places for the page's script, and the points of all their views as one encoded array x, y, x, y, ...
 
-    The views of a place name the points of each group by begin and end, counted in points of the array.
+    The views of a place name the points of each group by begin and end, counted in points of the array. If there are too
+    many points for a page, some of each group are left out.
     """
     step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
@@ -264,7 +265,10 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
 
 
 def _find_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Returns lower and upper end of the colour scale that arrays of values (N,) share; (0, 1) without finite values."""
+    """Returns the colour scale that arrays of values (N,) share: from their smallest value to their quantile `_UPPERMOST`.
+
+    Values that are not finite are left out; without finite values, the scale is (0, 1).
+    """
     some = [v[pick_evenly(len(v), _ENOUGH)] for v in values]
     release(*values)
     known = np.concatenate([v[np.isfinite(v)] for v in some])

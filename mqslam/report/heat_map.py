@@ -120,7 +120,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps, torn spans, torn sums of spans and torn revisits of an audit of scans at the `times` (K,) [s]."""
+    """Returns the jumps and the torn spans, sums of spans and revisits of an audit; `times` (K,) [s] are its scans'."""
     places = [
         _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
     ]

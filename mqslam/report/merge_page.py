@@ -156,7 +156,7 @@ def draw_change(maps: Sequence[tuple[Points, str]], change: Change, unit_m: floa
     Args:
         maps: points (N, 2) x, y [m] in the merged map and colour of each recording.
         change: the change.
-        unit_m: unit in which the map was made, on which the side of the pictures depends.
+        unit_m: unit in which the map was made [m]: maps of rooms have a small unit, and their pictures a smaller square.
     """
     x, y = change.place
     half = 0.5 * max(_SIDE_M * unit_m, 2.0 * float(change.size_m.max()))

@@ -146,7 +146,7 @@ class Page:
         settings: every setting used, or the plan of a batch, as text.
         facts: names and values of facts about what was judged, which stand below the heading.
         notes: lines for the reader on how the recording was interpreted.
-        conclusion: sentences that say what the page shows.
+        conclusion: sentences that say what the page shows; empty for none.
     """
 
     def __init__(

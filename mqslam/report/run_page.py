@@ -213,7 +213,10 @@ def _middles(run: Run) -> se2.Array:
 
 
 def _trace_psi(run: Run) -> list[Curve]:
-    """Returns two curves over time, as far as they are known: psi per point of each scan under odometry, and its minimum."""
+    """Returns curves over time of psi per point of each scan: (1) under odometry, (2) at its minimum.
+
+    A curve without any finite value is left out.
+    """
     points = np.maximum([m.points for m in run.measurements], 1)
     known = (
         ("under odometry", ORANGE, np.array([m.psi_odometry for m in run.measurements])),
@@ -322,7 +325,8 @@ def _show_windows(run: Run) -> list[Place]:
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
     """Returns for each window two arrays of points (M, 2) [m]: those of its own pass, and those of other passes.
 
-    The points are in the frame of the sensor at the window's middle scan.
+    Points belong to its own pass if they were seen within `_SAME_PASS_S` of the window's middle. They are in the frame of
+    the sensor at the window's middle scan.
     """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
@@ -389,7 +393,7 @@ def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
 
 
 def _are_alike(curves: Sequence[Curve]) -> bool:
-    """Returns whether the medians of curves differ by a factor of at most `_ALIKE`, so that one linear axis suits all."""
+    """Returns whether the largest median of the curves is at most `_ALIKE` times the smallest: one linear axis suits all."""
     medians = [float(np.median(curve.points[:, 1])) for curve in curves]
     return max(medians) <= _ALIKE * min(medians)
 
@@ -454,7 +458,7 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the names of numbers that tell how good the map is, each with its values before and after optimisation."""
+    """Returns names and texts of numbers that tell how good the map is, each before and after optimisation."""
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),

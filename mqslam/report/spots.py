@@ -96,7 +96,7 @@ class Spot:
 def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
     """Returns the worst places: torn places by the size of their correction, then windows by inflation.
 
-    Two places of one kind are more than `_SPREAD_M` of path apart.
+    Of two places of one kind that are not more than `_SPREAD_M` of path apart, only the worse one is returned.
 
     Args:
         sweeps: the points that were judged.
@@ -219,7 +219,10 @@ def _spot_of_pair(
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
-    """Returns whether a page may list both of two places: they differ in kind, or are far apart along the path."""
+    """Returns whether a page may list both of two places, because they differ in kind or are far apart along the path.
+
+    Two windows must also have at least one sweep between them.
+    """
     if a.kind != b.kind:
         return True
     if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:
@@ -228,14 +231,16 @@ def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
 
 
 def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
-    """Returns a row for each stretch of successive windows, steps or revisits about which nothing could be decided.
+    """Lists what could not be decided: a row of text for each run of successive windows, steps or revisits.
+
+    Of more than `_MOST` runs of one kind, the longest are listed, and a last row counts the windows, steps or revisits left.
 
     Args:
         sweeps: the points that were judged.
         audit: judgement of the map.
 
     Returns:
-        The cells of each row as text: number and kind, time, position, reason, and which rows of which file to look at.
+        The cells of each row: (1) count and kind, (2) time, (3) position, (4) reason, (5) where to look in which file.
     """
     unfit, unusual, unsure = (
         "the scans before and after it do not fit at one place only",
@@ -277,7 +282,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
 
 
 def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns all torn places and all undecided windows, in the order of the times at which they end.
+    """Returns all torn places and all undecided windows, in the order of their ends, which are later passes for revisits.
 
     Args:
         sweeps: the points that were judged.

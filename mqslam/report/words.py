@@ -97,7 +97,7 @@ def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[s
 
 
 def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
-    """Returns the label of a value of a summary, and the value as text with its unit.
+    """Returns the label of a value of a summary, and the value as text with its unit; angles [rad] become degrees.
 
     Args:
         key: key of the value.
