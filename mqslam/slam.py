@@ -128,7 +128,7 @@ class Slam:
         return inner.solve(scans.scale_ranges(1.0 / unit_m), inside).scale(unit_m, self._config)
 
     def solve(self, scans: Scans, context: Context) -> Solution:
-        """Estimates the optimised trajectory of scans: tracks the motion, joins the sensors, closes loops, and optimises.
+        """Estimates the trajectory of scans: tracks the motion, joins the sensors, closes loops, refines and optimises.
 
         Args:
             scans: scans of the recording.

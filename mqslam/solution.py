@@ -46,7 +46,8 @@ class Solution:
         doppler_beta: range shift per closing speed [s], from the settings or as measured.
         doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before loops and sensors, chained from the given odometry, or else from the measurements.
+        odometry: trajectory before loops and sensors: the motions of the given odometry, chained without optimisation, or
+            those of the front end if there is no odometry that can be used.
         optimised: trajectory after optimisation.
         graph: all factors, with the starting values of the optimisation.
         values: the optimised values.
@@ -102,7 +103,7 @@ class Solution:
         """Returns the solution in another unit of length; the solution must use no sensors besides odometry.
 
         Args:
-            factor: number by which all lengths are multiplied.
+            factor: multiplier of all lengths.
             config: all settings in the new unit.
         """
         covariances = replace(self.covariances, covariances=units.scale_covariance(self.covariances.covariances, factor))
@@ -156,7 +157,7 @@ class Run(Solution):
         kept: the keyframes of the optimised map; None if the keyframes could not be made.
         checked: audit of the optimised map, with a sample of its windows; None if the audit could not be made.
         runtime_s: runtime of each stage [s].
-        unread: the error for each polar scan that could not be read and was left out, by the number of the scan.
+        unread: the error for each polar scan that could not be read and was left out, by the scan's index in the recording.
         crashes: error message of each part that could not be made, by the name of the part.
         mount: pose of the radar on the vehicle; trajectories, covariances and maps are then the vehicle's, in the frame of
             its first pose. None if they are the radar's.

@@ -39,7 +39,7 @@ class Engine(Protocol):
 
         Args:
             function: the function to call.
-            shared: the function's first argument; each worker gets it once.
+            shared: the function's first argument; if it is large, it is not sent to a worker again for every item.
             items: the function's second arguments, one per call.
             done: called in this process after each item, in order, with the number of items done so far and the item's
                 result.
@@ -48,7 +48,7 @@ class Engine(Protocol):
             Exception: the function fails for an item, or `done` fails; the first such error is raised.
             WorkerError: a process died.
             OSError: the disk has no room for the shared argument.
-            ClusterError: the cluster is lost.
+            ClusterError: the cluster is lost, or an item has killed the workers of a cluster.
         """
         ...
 
@@ -61,11 +61,12 @@ class Engine(Protocol):
             item: the function's second argument.
 
         Returns:
-            A context whose value is a function that waits for the result and returns it, or None where there is no other
-            process.
+            A context whose value is a function that waits for the result and returns it, or raises the error of the call.
+            The value is None where there is no other process; then nothing is started.
 
         Raises:
             WorkerError: the other process died.
+            ClusterError: the cluster is lost.
         """
         ...
 

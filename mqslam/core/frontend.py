@@ -42,7 +42,8 @@ class Context:
         config: all settings.
         revolution_s: usual duration of a revolution of the radar [s].
         start_us: stamp [us] of the recording's time zero.
-        odometry: dead-reckoned poses of the sensor from another source, or None.
+        odometry: dead-reckoned poses of the sensor from another source; None without odometry, and in a second run of the
+            front end if the odometry contradicts the motions of the first.
         doppler_beta: range shift per closing speed [s], from the settings or as measured.
         doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
         stamp_sigma_s: standard deviation of a scan's stamp [s], as estimated by the reader of the recording.
@@ -50,10 +51,10 @@ class Context:
             front end that yields each motion as soon as it is measured need not call this function.
         sensors: the other sensors of the vehicle, for the stages after the front end.
         turning: yaw rates of the radar from a gyroscope that agrees with the motions of the front end's first run, or
-            None. They help where the front end finds no motion, but must not add information to a motion, because the
-            graph contains the gyroscope itself.
+            None. They may predict a motion before it is measured, or replace one that cannot be measured. They must not
+            make a measured motion more certain, because the graph contains the gyroscope itself.
         velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
-        engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
+        engine: engine on which a front end may compute in parallel; None computes in this process.
         is_resolution_assumed: True if the recording does not state the length of its range bins, so that the layout's usual
             length is used.
         is_lidar: whether the scans come from a lidar. A lidar sees the same surfaces from every position, and its next
@@ -144,8 +145,8 @@ class Context:
 class FrontEnd(Protocol):
     """Measures the relative motions between scans.
 
-    A front end whose class attribute `takes_turning` is true is run a second time, with the yaw rates of a gyroscope, if
-    it did not find every motion the first time.
+    If it does not find every motion, it may be run a second time: (1) with a gyroscope's yaw rates, if its class attribute
+    `takes_turning` is true and the gyroscope agrees with its motions; (2) without odometry, if that contradicts them.
     """
 
     def __init__(self, context: Context) -> None: ...

@@ -46,15 +46,15 @@ class Keyframes:
 
     Args:
         recordings: the recordings that the keyframes come from.
-        origins: (K,) number of each keyframe's recording in `recordings`.
-        scans: (K,) number of each keyframe's scan among the scans of its recording. In a merged map, it is the number
+        origins: (K,) index in `recordings` of each keyframe's recording.
+        scans: (K,) index of each keyframe's scan among the scans of its recording. In a merged map, it is the index
             among the scans of all recordings, as in the graph.
         stamps_us: (K,) start of each keyframe's scan [us], in the clock of its recording.
         poses: (K, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
         covariances: (K, 3, 3) covariances of these poses relative to the map's first pose, each in the frame of its
             keyframe [m, m, rad]; NaN where unknown.
         travelled: (K,) length of the path from the start of the recording to each keyframe [m].
-        rows: (K, 2) row of each keyframe's first point in `points`, and the row after its last point.
+        rows: (K, 2) index in `points` of each keyframe's first point, and the index after its last point.
         points: (M,) points of all keyframes, with the fields of `KEYFRAME_POINT`; the array may lie in a memory-mapped file.
         georeference: where the map lies on the Earth, or None.
     """
@@ -99,7 +99,7 @@ class PlaceTable:
     """Descriptors of places in a map, by which the places can be recognised.
 
     Args:
-        keyframes: (P,) number of the keyframe at each place.
+        keyframes: (P,) index of the keyframe at each place.
         descriptors: (P, R, S) descriptors of the places, by R rings of range and S sectors of direction; the array may lie
             in a memory-mapped file.
         made_with: settings with which the descriptors were made, as JSON values.

@@ -38,9 +38,9 @@ class Measurement:
         matched: share of these returns that found a neighbour in the map; NaN where the front end does not state it.
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
-        apart: (3,) the motion measured backward in time minus the motion measured forward in time [m, m, rad]. `pose` is
-            the mean of the two. Where `pose` is only one of the two, its error is larger, and the difference is multiplied
-            by the square root of two. NaN where the motion was measured only once.
+        apart: (3,) the motion measured backward in time minus the motion measured forward in time [m, m, rad]; half of it
+            shows the error of `pose`, which is the mean of the two. Where `pose` is only one of the two, the difference is
+            multiplied by the square root of two, so that this still holds. NaN where the motion was measured only once.
     """
 
     t0: float
@@ -61,7 +61,7 @@ class Tie:
     """A measured pose of a scan or submap (a few scans rendered together) in the frame of an earlier scan or submap.
 
     Args:
-        earlier, later: numbers of the two scans or submaps.
+        earlier, later: indices of the two scans in the recording, or of the two submaps among all submaps.
         pose: (3,) pose of the later scan or submap in the frame of the earlier [m, m, rad].
         covariance: (3, 3) covariance of `pose` in x, y, yaw [m, m, rad], in the frame of the earlier scan or submap.
     """
@@ -107,7 +107,8 @@ class LoopSearch:
     Args:
         loops: the loop closures that were found, which enter the graph.
         tried: number of pairs of scans that were compared.
-        ambiguous: number of compared pairs that match at several places that the trajectory allows.
+        ambiguous: number of compared pairs that match at several places that the trajectory allows, and of submaps that
+            match several places of the map about equally well.
         implausible: number of compared pairs that match only at a place that the trajectory rules out.
         unsure: number of further pairs that were not compared, because their relative pose is too uncertain for the
             search to cover.
@@ -145,7 +146,7 @@ class Refined:
             place is passed twice.
         psi_loops: the same psi with the loops, before the refinement.
         psi_across: the same psi under the final trajectory.
-        refused: whether the first round made this psi larger (worse), so that the refinement was dropped.
+        refused: whether the refinement was dropped, because its first round made this psi larger (worse) or unmeasurable.
     """
 
     loops: list[Loop]

@@ -24,7 +24,7 @@ _CELL_RATIO: Final = 1.05
 
 @dataclass(frozen=True, slots=True)
 class PointMap:
-    """A map: returns as points in the world frame, each with its share of the score.
+    """A map: returns as points in the world frame, each with what it adds to the score.
 
     Large arrays may lie in memory-mapped files.
 
@@ -32,8 +32,8 @@ class PointMap:
         points: (N, 2) [m], world frame.
         times: (N,) [s] since the recording's start.
         intensities: (N,) received power, 0..255.
-        psi: (N,) share of the map's score that each point carries.
-        matched: (N,) bool, whether the point found a neighbour that takes part in the score.
+        psi: (N,) what each point adds to the map's score; a point that is not matched adds a fixed cost.
+        matched: (N,) bool, whether the point has a neighbour that the sensor saw about one turn or more before or after it.
     """
 
     points: NDArray[np.float64]
@@ -47,7 +47,7 @@ class PointMap:
 
     @property
     def psi_per_point(self) -> float | None:
-        """Score per point, which includes the cost of points without a neighbour; None without points."""
+        """Score per point, including the cost of points that are not matched; None without points."""
         return self.psi_total / len(self) if len(self) else None
 
     @property
@@ -57,7 +57,7 @@ class PointMap:
 
     @property
     def matched_share(self) -> float | None:
-        """Share of points with a neighbour from another scan; None without points."""
+        """Share of the points that are matched, 0..1; None without points."""
         return sum(int(block.matched.sum()) for block in self.blocks()) / len(self) if len(self) else None
 
     def blocks(self) -> Iterator[PointMap]:
@@ -90,7 +90,8 @@ class PointMap:
 def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """Returns the indices of at most `most` points that represent a map for display.
 
-    A map with more points is thinned to one point per cell of the finest raster with at most `most` occupied cells.
+    A map with more points is thinned to one point per cell of about the finest raster with at most `most` occupied cells.
+    Of a map with more than a million points, only a million, evenly spread over its time, are considered.
 
     Args:
         points: (N, 2) [m].

@@ -243,7 +243,7 @@ class PeakCounts:
     Args:
         azimuths: azimuths processed.
         unused_azimuths: azimuths that are marked invalid or that are saturated.
-        peaks: local maxima above the threshold.
+        peaks: local maxima above the threshold within the limits of range, including ring peaks.
         ring_peaks: peaks that were dropped as parts of a ring.
         peaks_out_of_range: peaks nearer or farther than the settings allow; they are counted only in polar scans with
             fewer peaks than azimuths.
@@ -260,7 +260,11 @@ class PeakCounts:
 
     @property
     def remedy(self) -> str:
-        """Advice for a recording with too few returns, based on the step that dropped most of them."""
+        """Advice for a recording with too few returns.
+
+        It concerns the first of these steps that drops more than it keeps: (1) the choice of azimuths, (2) the removal of
+        rings, (3) the limits of range. If none does, it concerns the threshold.
+        """
         if 2 * self.unused_azimuths > self.azimuths:
             left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
             return f"{left_out}; check the radar's gain and which azimuths its driver marks as invalid"

@@ -168,7 +168,7 @@ def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
     Before the first and after the last time, the nearest arc is continued; only there, poses that `select_apart` drops are
-    left out.
+    left out. A single pose holds at all times.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
@@ -195,7 +195,7 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     Between poses the curve is cubic, with velocities from the neighbouring poses, so that the vehicle can begin
     and end a rotation between two poses, as on the road. Before the first and after the last time, the arc of constant
     twist between the nearest two poses is continued. Only poses that `select_apart` keeps are used, because two poses that
-    are very close in time would give a velocity that is mostly noise.
+    are very close in time would give a velocity that is mostly noise. Fewer than three poses are joined as by `interpolate`.
     """
     from scipy.interpolate import CubicHermiteSpline  # here: it loads half of SciPy, and every command imports this module
 

@@ -174,7 +174,8 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
         end_us: end of the recording [us].
 
     Returns:
-        How late the stamps are [s]; None if no delay, once removed, makes the two spans overlap by half of the shorter one.
+        How late the stamps are [s], negative if early: the delay that makes the two spans overlap most, once it is removed.
+        None if even then they overlap by less than half of the shorter span.
     """
 
     def share(late_s: float) -> float:

@@ -95,7 +95,7 @@ class Velocities:
         """Interpolates velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s].
 
         The velocity is assumed to change linearly between two measured scans. The results are NaN before the first and after
-        the last measured scan.
+        the last measured scan, or everywhere if no scan is measured.
         """
         known = np.flatnonzero(self.measured)
         if not len(known):
@@ -112,7 +112,7 @@ class Velocities:
 
     @classmethod
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
-        """Joins the velocities of successive stretches of scans, which must all have the same `doppler_beta`."""
+        """Joins the velocities of one or more successive parts of a recording, which must have the same `doppler_beta`."""
         return cls(
             np.concatenate([part.times for part in parts]),
             np.concatenate([part.velocities for part in parts]),
@@ -148,15 +148,16 @@ def make_twists(
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """The returns and velocities detected in a stretch of polar scans, and the time that it took.
+    """The returns and velocities detected in successive polar scans, and the time that it took.
 
     Args:
         returns: returns of each polar scan, empty for a scan that could not be read; an empty list if the returns are kept
             in a `Scans` object instead.
-        unread: the error for each polar scan that could not be read, by the number of the scan in the recording.
+        unread: the error for each polar scan that could not be read, by the index of the scan in the recording.
         read_s, detect_s: seconds spent on reading and on detection.
         counts: numbers of azimuths and peaks that the detector kept and dropped.
-        velocities: velocities of the sensor, one per polar scan; None if not asked for, or if chirps do not alternate.
+        velocities: velocities of the sensor, one per polar scan; None if not asked for. For a whole recording, also None if
+            its chirps do not alternate; for a part of one, they are then NaN.
     """
 
     returns: list[Returns]

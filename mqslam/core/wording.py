@@ -76,7 +76,7 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on sensors in use and on the radar's mount and ranges, and a warning if sensors may bend the map.
+    """Returns the notes on sensors in use and on the radar's mount and ranges, and the warning of `_doubt_sensors`, if any.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 
@@ -92,7 +92,9 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
-    """Returns a warning if the audit does not pass and psi was lower (crisper) before the sensors were added, else [].
+    """Returns a warning, in a list, that sensors may have made the map worse; empty without such a suspicion.
+
+    They are suspected if the audit does not pass and psi was lower (crisper) before they were added.
 
     Args:
         summary: content of summary.json.

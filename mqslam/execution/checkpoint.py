@@ -1,8 +1,8 @@
 """The checkpoint of a run: the results so far are kept on disk, so that a run that dies can be resumed.
 
-A checkpoint keeps the returns of every finished stretch of polar scans, and the measurements, the ties along the path, the
-loops and the refinement once each of these is complete. All else is computed again. Since all stages are deterministic, a
-resumed run has the same result to the byte.
+A checkpoint keeps the returns of every finished group of successive polar scans, and the measurements, the ties along the
+path, the loops and the refinement once each of these is complete. All else is computed again. Since all stages are
+deterministic, a resumed run has the same result to the byte.
 """
 
 from __future__ import annotations
@@ -35,7 +35,10 @@ R = TypeVar("R")
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
 ) -> str:
-    """Returns a hash of everything that a run's result depends on; only a run of the same hash resumes a checkpoint."""
+    """Returns a hash of what a run's result depends on; only a run of the same hash resumes a checkpoint.
+
+    The path, the stamps and the lengths of the range bins stand for the polar scans, whose content is not read.
+    """
     digest = hashlib.sha256()
     path, ranges = str(recording.path.resolve()), f"{recording.range_resolution} {recording.range_offset}"
     for text in (__version__, dump_yaml(config), frontend, path, ranges):
@@ -59,14 +62,15 @@ def hash_run(
 def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
     """Yields the checkpoint of a run, and keeps it after an error if the run can be resumed.
 
-    After a full disk, a lost cluster or worker, a failed front end, lack of memory or an interrupt, the checkpoint
-    stays, and the error says how to resume. After any other error of mqslam a resumed run would fail in the same way, so
-    the checkpoint is removed, unless the run was itself resumed. After an unforeseen error the checkpoint stays, but the
-    error does not mention it, since a resumed run would most likely fail in the same way.
+    (1) After a full disk, a lost cluster or worker, a failed front end, lack of memory or an interrupt, the checkpoint
+    stays, and the error says how to resume if the checkpoint holds any result. (2) After any other error of mqslam a
+    resumed run would fail in the same way, so the checkpoint is removed, unless the run was itself resumed. (3) After an
+    unforeseen error the checkpoint stays, but the error does not mention it, since a resumed run would most likely fail in
+    the same way.
 
     Args:
         out: the run's result folder.
-        key: hash of what the run's result depends on.
+        key: hash of the run, by `hash_run`.
         resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
         how: how to resume, for the error's message.
     """

@@ -98,7 +98,7 @@ def _unpack_loops(arrays: Arrays) -> LoopSearch:
 
 
 def _pack_refined(refined: Refined) -> Arrays:
-    """Converts a refinement to arrays: the loops followed by the ties, and the number of loops, by which they are split."""
+    """Converts a refinement to arrays: the loops followed by the ties, the number of loops, psi, and `refused`."""
     psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
     own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
     return own | _stack_loops([*refined.loops, *refined.ties])

@@ -84,11 +84,11 @@ class SimulatedRadar(NamedTuple):
     bins: int  # number of range bins
     resolution: float  # true length of a range bin [m]
     spread: float  # standard deviation of an echo along the range [bins]
-    wall_echo: float  # power of the echo of a wall
-    pole_echo: float  # power of the echo of a lamp post
+    wall_echo: float  # power of the echo of a wall at `REFERENCE_RANGE`
+    pole_echo: float  # power of the echo of a lamp post at `REFERENCE_RANGE`
     noise: float  # mean power of the noise
-    speckle: float
-    roughness: float  # [m]
+    speckle: float  # share of an echo's power that fluctuates
+    roughness: float  # standard deviation of a surface's depth [m]
     saturation: float  # probability per azimuth
     clutter: float  # probability per bin
     range_offset: float  # [m]

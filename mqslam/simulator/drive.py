@@ -92,8 +92,8 @@ class SampledDrive(Drive):
         """Finds the intervals between samples for times (N,) [s].
 
         Returns:
-            The number (N,) of each interval, the share (N, 1) of the interval that has passed at the time, and the duration
-            (N, 1) of the interval [s]. Beyond the samples, the share is below 0 or above 1.
+            (1) The index (N,) of each interval, (2) the share (N, 1) of the interval that has passed at the time, (3) the
+            duration (N, 1) of the interval [s]. Beyond the samples, the share is below 0 or above 1.
         """
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]

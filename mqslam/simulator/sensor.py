@@ -183,7 +183,10 @@ def render_polar_scan(
 
 
 def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
-    """Returns the things of a scene, without walls, poles and plants farther than `max_range` [m] from all poses (A, 3)."""
+    """Returns a scene without most of the walls, poles and plants farther than `max_range` [m] from all poses (A, 3).
+
+    The beams would not reach these things; without them, rendering is faster.
+    """
     middle = poses[len(poses) // 2, :2]
     reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
     starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]

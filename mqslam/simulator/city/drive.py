@@ -134,9 +134,9 @@ def _curvatures(line: CubicSpline, along: Array) -> Array:
 
 
 def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Array]:
-    """Returns times (M,) [s] and the distances (M,) [m] reached at these times.
+    """Returns times (2N,) [s] of arriving at and leaving each of the distances `along` (N,) [m], and these distances (2N,).
 
-    Speeds (N,) [m/s] and waits (N,) [s] are given at distances `along` (N,) [m]; the acceleration is constant in between.
+    Speeds (N,) [m/s] and waits (N,) [s] are given at these distances; the acceleration is constant in between.
     """
     steps = 2.0 * np.diff(along) / (speeds[1:] + speeds[:-1])
     arrived = np.r_[0.0, np.cumsum(steps + waits[:-1])]
@@ -177,12 +177,12 @@ class Course(NamedTuple):
 
     @property
     def start(self) -> int:
-        """Number of the crossing at which the course begins."""
+        """Index in `CityPlan.crossings` of the crossing at which the course begins."""
         return self.street.ends[:: self.way][0]
 
     @property
     def end(self) -> int:
-        """Number of the crossing at which the course ends."""
+        """Index in `CityPlan.crossings` of the crossing at which the course ends."""
         return self.street.ends[:: self.way][1]
 
     @property
@@ -194,8 +194,9 @@ class Course(NamedTuple):
 def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
-    A round leads out to something new and back by other streets. Each round is driven twice. For every other
-    round, if the round is short, the second drive is backwards. Then the route goes on to the start of the next round.
+    A round leads out to something new and back, by other streets if they are not much longer. Each round is driven twice.
+    The second drive is backwards if the round is short, unless that of the round before was backwards. Then the route goes
+    on to the start of the next round.
 
     Args:
         seed: seed of the route.
@@ -225,12 +226,12 @@ def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
 
 
 def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_]) -> list[int]:
-    """Returns the numbers of the courses of a round that begins after the course `base` and ends with this course.
+    """Returns the indices of the courses of a round that begins after the course `base` and ends with this course.
 
     Args:
         net: the courses of the city.
-        base: number of the course after which the round begins.
-        goals: numbers of courses that are worth a visit; the round visits the nearest one first.
+        base: index of the course after which the round begins.
+        goals: indices of courses that are worth a visit; the round visits the nearest one first, then the next.
         driven: (C,) whether each course lies in a street that was driven before.
     """
     way = [base]
@@ -254,7 +255,7 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
 def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
     """Returns the way from the course `here` to the nearest street of a round, then the whole round backwards.
 
-    Ways and rounds are lists of the numbers of courses.
+    Ways and rounds are lists of the indices of courses.
     """
     tour = [k ^ 1 for k in tour[::-1]]
     way = net.find_way(here, tour, np.ones(len(net.lengths)))
@@ -284,7 +285,8 @@ class _Net:
     def find_way(self, here: int, goals: list[int], factors: NDArray[np.float64]) -> list[int]:
         """Returns the shortest way from the course `here` to the nearest of the courses `goals`; empty if there is no way.
 
-        The way consists of numbers of courses, without `here`. The lengths of the courses are multiplied by `factors` (C,).
+        The way consists of indices of courses, without `here`. To prefer some streets, the lengths of the courses are
+        multiplied by `factors` (C,).
         """
         costs = (self.lengths * factors)[self._after]
         size = len(self.lengths)

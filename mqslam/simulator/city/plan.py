@@ -36,7 +36,7 @@ class Profile(NamedTuple):
 class Street:
     """A street from one crossing to the next."""
 
-    ends: tuple[int, int]  # numbers of its two crossings
+    ends: tuple[int, int]  # indices of its two crossings in `CityPlan.crossings`
     line: Array  # (K, 2) its centre line [m], from the first end to the second
     kind: StreetKind  # what it is; a footway has no vehicles
     profile: Profile  # its cross section
@@ -101,9 +101,9 @@ def _is_inside(ends: tuple[int, int]) -> bool:
 class _Sights(NamedTuple):
     """Where the special parts of a city lie in its net."""
 
-    carriageway: int  # row of streets that is the dual carriageway
-    river: int  # row of blocks in which the river runs
-    bridges: frozenset[int]  # columns of streets that cross the river
+    carriageway: int  # index of the row of streets that is the dual carriageway
+    river: int  # index of the row of blocks in which the river runs
+    bridges: frozenset[int]  # indices of the columns of streets that cross the river
     park: tuple[int, int]  # column and row of blocks in which the park begins; it is two by two blocks
 
 
@@ -144,10 +144,9 @@ def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
 
 
 def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) -> dict[tuple[int, int], Street]:
-    """Lays a street between all neighbouring crossings (C, 2) [m], and returns the streets by the numbers of their ends.
+    """Lays a street between all neighbouring crossings (C, 2) [m], and returns the streets by the indices of their ends.
 
     Some streets become footways, so that drives go round blocks of different sizes.
-
     Every crossing that vehicles reach keeps two streets that lead on, so that no drive ends in a blind alley.
     """
     along_x = [_draw_profile(rng) for _ in range(ROWS)]
@@ -177,7 +176,7 @@ def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) ->
 
 
 def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> StreetKind:
-    """Returns the kind of the street from the crossing at `column` and `row` along x if `is_row` is true, else along y."""
+    """Returns the kind of the street that begins at a crossing and leads along x (`is_row`) or along y."""
     across, up = sights.park
     if is_row:
         if row == sights.carriageway:
@@ -203,7 +202,7 @@ def _draw_profile(rng: np.random.Generator) -> Profile:
 def _lay_street(
     rng: np.random.Generator, crossings: Array, ends: tuple[int, int], kind: StreetKind, profile: Profile
 ) -> Street:
-    """Lays the street between the crossings with the numbers `ends`, straight or with a bend near its midpoint."""
+    """Lays the street between the crossings with the indices `ends`, straight or with a bend near its midpoint."""
     a, b = crossings[list(ends)]
     if kind == "footway":
         profile = Profile(1.0, rng.uniform(0.8, 2.5), (), 0.0)

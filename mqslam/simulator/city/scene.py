@@ -80,7 +80,7 @@ def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) 
 
 
 def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[tuple[float, float, float, float, float]]:
-    """Returns the straight pieces of all lanes that are longer than a slot, without the crossings.
+    """Returns those straight pieces of the lanes that are longer than a slot once the areas of the crossings are cut off.
 
     Each piece is its start x, y [m], its heading [rad], its length [m] and the speed of the vehicles on it [m/s].
     """
@@ -179,7 +179,10 @@ def _add_hedge(rng: np.random.Generator, start: Array, end: Array, parts: SceneP
 
 
 def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, style: _Style, parts: SceneParts) -> None:
-    """Adds rows of houses along the sides of a block, then hedges and fences before them and things in the court behind."""
+    """Adds rows of houses along the sides of a block, and sheds, vehicles and trees in the court behind them.
+
+    Hedges and fences stand before the houses, except in a closed block.
+    """
     depth, setback = rng.uniform(*style.depth), rng.uniform(*style.setback)
     front = offset_line(house_line, np.full(len(house_line), setback), closed=True)
     after = np.roll(front, -1, axis=0)
