@@ -14,7 +14,7 @@ Public names, all typed; none of them prints anything:
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it makes the optimised map of an open recording, in memory.
 - `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
-  adds factors of single scans that are registered on earlier passes of the same place.
+  replaces loop closures by factors of single scans that are registered on earlier passes of the same place.
 - `Work`, `Runner` and `LocalEngine` define where the computations run and what reports on their progress.
 - `Recording`, `Scans` of `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the types of
   inputs and results; `MqslamError` is the base of all errors.

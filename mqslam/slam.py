@@ -189,8 +189,8 @@ class Slam:
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path.
 
-        The motions of a lidar are not corrected: a lidar sees only a part of its surroundings, so that two stretches of a
-        corridor fit each other at any distance. The odometry between the stretches is the better measurement.
+        A lidar's motions are not corrected: a lidar sees only a part of its surroundings, so that two scans of a corridor
+        fit each other at any distance. The odometry between the scans is the better measurement.
         """
         runner = self._runner
         with runner.time_stage("windows"):
@@ -201,7 +201,10 @@ class Slam:
         return measurements
 
     def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
-        """Joins odometry and the other sensors to the front end's motions, whose distances are multiplied by a factor."""
+        """Joins odometry and the other sensors to the front end's motions, after multiplying their distances by a factor.
+
+        The factor is a possible scale of the ranges. If the sensors cannot be joined, only odometry is.
+        """
         settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
         motions = [scale_measurement(motion, factor) for motion in measurements]
         odometry, fault = hold_odometry(scans, context, self._name, motions)
@@ -215,7 +218,7 @@ class Slam:
         return joined
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
-        """Searches for loop closures of the trajectory; returns an empty result if the settings switch the search off."""
+        """Searches for loop closures; returns an empty result if the settings switch the search off, or if it fails."""
         runner, search = self._runner, LoopSearch([], 0)
         if self._config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

@@ -128,8 +128,8 @@ class Context:
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist by odometry, the radar's chirps and the gyroscope, or None if all of them are missing.
 
-        Times and twist are as in `odometry_twist`; a component that no sensor measures is NaN. The yaw rate of the gyroscope
-        and the velocity from the chirps replace the odometry's, which are less accurate.
+        Times and twist are as in `odometry_twist`; a component that no sensor measures is NaN. Where they are known, the yaw
+        rate of the gyroscope and the velocity from the chirps, at the mean of the times, replace odometry's, which err more.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()

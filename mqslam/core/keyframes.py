@@ -79,7 +79,7 @@ class Keyframes:
         return self.recordings[0].unit_m
 
     def scale(self, factor: float) -> Keyframes:
-        """Returns the keyframes with all lengths multiplied by a factor, and without a georeference."""
+        """Returns the keyframes with all lengths multiplied by a factor, without a georeference, which is in metres."""
         points = make_stored((len(self.points),), KEYFRAME_POINT)
         points[:] = self.points
         for name in ("x", "y", "range"):

@@ -24,6 +24,9 @@ def import_file(path: Path, what: str) -> ModuleType:
     Args:
         path: the file.
         what: what the file defines, which is part of the module's name: `front_end` or `map_test`.
+
+    Raises:
+        Exception: any error of the file itself, such as a SyntaxError; call this function inside of `blame`.
     """
     spec = spec_from_file_location(f"mqslam_{what}_{path.stem}", path)
     assert spec is not None and spec.loader is not None, path
@@ -40,7 +43,7 @@ def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") 
 
     Args:
         owner: what the code is, such as "front end mine.py".
-        happened: `NO_IMPORT` or `STOPPED`.
+        happened: what the code did: `NO_IMPORT` while it is imported, `STOPPED` while it runs.
         kind: class of the error that is raised.
         remedy: what the user can do about it, unless the error says so already.
 

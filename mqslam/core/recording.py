@@ -163,7 +163,7 @@ class Recording(ABC):
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def complete(self, track: Trajectory) -> Trajectory:
-        """Returns a track of the scans unchanged; a lidar's recording adds poses of the scans that it left out."""
+        """Adds poses of the scans that the recording leaves out; a radar's leaves out none, and the track stays as it is."""
         return track
 
     def gaps(self) -> list[tuple[int, float]]:
@@ -224,7 +224,8 @@ class LidarRecording(Recording):
     def complete(self, track: Trajectory) -> Trajectory:
         """Adds poses of the scans that were left out: odometry, corrected to agree with the poses before and after them.
 
-        Without odometry, or if no scans were left out, the track is returned unchanged.
+        The result has a pose at each of the stamps `every_us` from the track's first to its last stamp. Without odometry, or
+        if no scans were left out, the track is returned unchanged.
 
         Args:
             track: poses of the scans that the recording holds.

@@ -60,7 +60,7 @@ class Turning:
     Args:
         times: (N,) times of the readings [s] since the recording's start, increasing.
         angles: (N,) rotation from the first reading to each reading [rad].
-        gaps: (N,) number of gaps before each reading.
+        gaps: (N,) number of gaps before each reading; a gap is a step between readings of more than five median steps.
     """
 
     times: NDArray[np.float64]

@@ -54,7 +54,10 @@ class Trajectory:
         return se2.interpolate((self.stamps_us[near] - start) * 1e-6, self.poses[near], (stamps_us - start) * 1e-6)
 
     def _find_around(self, stamps_us: NDArray[np.int64]) -> slice:
-        """Returns which poses are needed to interpolate at stamps (M,) [us]: all of them if any stamp lies outside."""
+        """Returns which poses are needed to interpolate at stamps (M,) [us].
+
+        If any stamp lies outside, these are all poses, because `se2.interpolate` then looks for poses that nearly coincide.
+        """
         first, last = np.min(stamps_us, initial=self.stamps_us[-1]), np.max(stamps_us, initial=self.stamps_us[0])
         if first < self.stamps_us[0] or last > self.stamps_us[-1]:
             return slice(0, len(self))

@@ -73,6 +73,9 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
         key: hash of the run, by `hash_run`.
         resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
         how: how to resume, for the error's message.
+
+    Raises:
+        OutputError: `resume` is set, but the checkpoint belongs to a run of other data or settings.
     """
     checkpoint = Checkpoint(out, key, resume=resume)
     try:

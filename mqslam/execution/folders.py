@@ -246,7 +246,7 @@ def list_entries(folder: Path) -> list[PurePosixPath]:
 
 
 def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
-    """Returns those entries of a folder whose names are among the names that mqslam writes."""
+    """Returns those entries of a folder whose names mqslam writes; results of `compare` also have a folder per row."""
     names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
     return [entry for entry in entries if any(_matches(entry, name) for name in names)]
 

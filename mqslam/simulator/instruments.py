@@ -128,7 +128,7 @@ class ReceiverModel:
 def simulate_fixes(
     drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
 ) -> Fixes:
-    """Simulates a receiver's fixes of the radar's position during a drive, without fixes under `Scene.roofs` (R, 4)."""
+    """Simulates a receiver's fixes of the radar's position; there are none in outages and under `Scene.roofs` (R, 4)."""
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     true = drive.poses(times)[:, :2]

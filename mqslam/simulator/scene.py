@@ -272,7 +272,10 @@ def _furnish(rng: np.random.Generator, start: Array, heading: float, length: flo
 
 
 def _traffic(rng: np.random.Generator, number: int) -> Array:
-    """Returns vehicles (number, 9), as in `Scene.movers`, on lanes that a drive round the middle block does not use."""
+    """Returns vehicles (number, 9), as in `Scene.movers`, on lanes that a drive round the middle block does not use.
+
+    The lanes in the streets around the middle block are listed three times, so that they get more vehicles than others.
+    """
     inner, outer = [], []
     for quarter in range(4):
         heading = quarter * np.pi / 2.0
@@ -286,9 +289,9 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 
 
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
-    """Returns vehicles (number, 9), as in `Scene.movers`, at random places of lanes; vehicles of one lane have one speed.
+    """Returns vehicles (number, 9), as in `Scene.movers`, at random places of lanes.
 
-    A lane is its start (2,) [m], its heading [rad] and its length [m].
+    A lane is its start (2,) [m], its heading [rad] and its length [m]. Vehicles of one entry of `lanes` have one speed.
     """
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))

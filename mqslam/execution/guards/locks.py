@@ -46,7 +46,7 @@ class Lock:
             self._path.unlink()
 
     def restore(self) -> None:
-        """Restores the content that was found in the file, or removes the file if it was empty or missing."""
+        """Restores the notes of a killed process that were found in the file; without any, removes the file."""
         if not self._found:
             self.remove()
             return

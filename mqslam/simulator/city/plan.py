@@ -132,7 +132,7 @@ def _choose_sights(rng: np.random.Generator) -> _Sights:
 def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
     """Returns the crossings (C, 2) [m] of an uneven grid, displaced by long waves and at random.
 
-    The crossings in the row `carriageway` are not displaced at random along y.
+    The crossings in the row with the index `carriageway` are not displaced at random along y, so that it runs smoothly.
     """
     x, y = (np.r_[0.0, np.cumsum(rng.uniform(*span, n - 1))] for n, span in ((COLUMNS, (78, 165)), (ROWS, (66, 120))))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1)
