@@ -141,7 +141,7 @@ class Refined:
 
     Args:
         loops: the loops that stay in the graph, because no tie measures the same passes.
-        ties: registrations of single scans on earlier passes, whose factors replace all other loops.
+        ties: registrations of single scans on earlier passes; in the graph, they replace all other loops.
         psi_before: psi per point of later passes' returns among earlier passes' returns, before optimisation; None where no
             place is passed twice.
         psi_loops: the same psi with the loops, before the refinement.

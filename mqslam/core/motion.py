@@ -4,8 +4,8 @@ Every model states the body twist as a polynomial in time, linear in the paramet
 
     yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
 
-by Gauss-Legendre quadrature from one time to the next. Six nodes are exact to rounding for rotations below a radian, and
-two nodes are for the small rotations between azimuths.
+by Gauss-Legendre quadrature from one time to the next. Six nodes are exact to rounding for rotations below a radian; two
+nodes, which are faster, are as exact for the small rotations between azimuths.
 """
 
 from __future__ import annotations

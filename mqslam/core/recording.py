@@ -213,7 +213,7 @@ class LidarRecording(Recording):
         return self._hold(self.scans.take(chosen))
 
     def cut(self, first: int, after: int) -> Self:
-        """Returns a part of the recording: the scans first <= k < after, two or more, with times from the first of them."""
+        """Returns a part of the recording: the scans first <= k < after, two or more; times count from the first of them."""
         return self._hold(self.scans[first:after].count_from_first())
 
     def _hold(self, part: Scans) -> Self:

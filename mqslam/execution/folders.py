@@ -135,7 +135,7 @@ def _put(aside: Path, out: Path, claim: _Claim) -> None:
 def _give_back(out: Path, lock: Lock) -> None:
     """Moves the old result folder that a killed command has left beside `out` back to `out`.
 
-    If `out` exists, only those files are moved there that mqslam did not write.
+    If `out` exists, those files that mqslam did not write are moved there, and its own files are deleted.
     """
     for left in _list_left(out, lock, _REPLACED):
         if not out.exists():
@@ -262,7 +262,7 @@ def remove_entries(folder: Path, entries: Iterable[PurePosixPath]) -> None:
 
 
 def remove_checkpoint(out: Path) -> None:
-    """Removes the checkpoint of an unfinished run from its result folder."""
+    """Removes the checkpoint of an unfinished run from its result folder; files that mqslam did not write stay."""
     inside = [PurePosixPath(CHECKPOINT) / entry for entry in list_entries(out / CHECKPOINT)]
     remove_entries(out, list_written(out, inside))
     with contextlib.suppress(OSError):

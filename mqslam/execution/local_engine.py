@@ -264,7 +264,7 @@ _held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = Non
 
 
 def _call(path: Path, item: Any) -> Any:
-    """Calls the function in a file with the shared argument in the same file and an item; runs in a worker process."""
+    """Calls a function with a shared argument, both read from the file `path`, and an item; runs in a worker process."""
     global _held
     if _held is None or _held[0] != path:
         _held = None  # the memory of the last call is released before this call needs more

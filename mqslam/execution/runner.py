@@ -94,7 +94,7 @@ class Runner:
         return result
 
     def follow(self, stage: str, items: Iterable[T], total: int) -> Iterator[T]:
-        """Yields the items that a stage makes one after the other, and reports each as progress.
+        """Yields the items that a stage makes one after the other, and reports each as one step of progress.
 
         Args:
             stage: name of the stage.

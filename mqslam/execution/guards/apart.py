@@ -26,7 +26,7 @@ def call_apart(function: Callable[[list[str]], bytes], words: list[str], content
 
     Args:
         function: the function; it takes the words, may read stdin, and must not print.
-        words: texts that are the function's argument; other users of this machine may see them.
+        words: the function's argument, which travels on the command line of the process.
         content: what the function can read from stdin.
         most_bytes: largest memory that the process may take.
 
