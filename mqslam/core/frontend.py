@@ -145,8 +145,9 @@ class Context:
 class FrontEnd(Protocol):
     """Measures the relative motions between scans.
 
-    If it does not find every motion, it may be run a second time: (1) with a gyroscope's yaw rates, if its class attribute
-    `takes_turning` is true and the gyroscope agrees with its motions; (2) without odometry, if that contradicts them.
+    A front end that does not find every motion may be run a second time: (1) with a gyroscope's yaw rates, if its class
+    attribute `takes_turning` is true and the gyroscope agrees with its motions; (2) without odometry, if that contradicts
+    them.
     """
 
     def __init__(self, context: Context) -> None: ...

@@ -304,7 +304,7 @@ PARKING_VERGE = 5.0
 def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], parts: SceneParts) -> None:
     """Adds lamps, signs, trees and parked vehicles along a street, but not within `clear` [m] of its two ends.
 
-    A bridge has only railings, and a footway has nothing.
+    A bridge has only railings, a footway has nothing, and a carriageway also has a barrier with lamps in its middle.
     """
     first, last = clear[0] + 1.0, street.length - clear[1] - 1.0
     if street.kind == "footway" or last - first < 5.0:
