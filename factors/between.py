@@ -37,8 +37,8 @@ def psi_between(a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64]
     """Returns the between-factor of a relative pose measured by psi, another front end or odometry, with Huber's loss.
 
     Args:
-        a: key of the submap or of the earlier scan.
-        b: key of the later scan or submap.
+        a: key of the pose in whose frame the other is measured: an earlier scan or a submap.
+        b: key of the pose that is measured: a later scan or submap.
         pose: (3,) pose of b in the frame of a [m, m, rad].
         covariance: (3, 3) covariance of this pose, in the frame of a [m, m, rad].
     """
@@ -51,7 +51,7 @@ def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
     Args:
         a: key of the earlier pose.
         b: key of the later pose.
-        loop: the later pose in the frame of the earlier pose, with its covariance.
+        loop: the later pose in the frame of the earlier pose, with its covariance, to which `add_bend` adds.
     """
     return _make_between(a, b, loop.pose, add_bend(loop.covariance), _LOSSES.Cauchy.Create(CAUCHY))
 
@@ -103,7 +103,7 @@ def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
 
 
 def _find_loop_noise(factor: gtsam.NonlinearFactor) -> gtsam.noiseModel.Gaussian | None:
-    """Returns the Gaussian noise under Cauchy's loss of a loop between planar poses; None for any other factor."""
+    """Returns the Gaussian noise of a loop, which is a planar between-factor with Cauchy's loss; None for other factors."""
     noise = factor.noiseModel() if isinstance(factor, gtsam.BetweenFactorPose2) else None
     if isinstance(noise, gtsam.noiseModel.Robust) and isinstance(noise.robust(), _LOSSES.Cauchy):
         return _find_gaussian(noise)

@@ -85,7 +85,7 @@ class ReversedScans(Sequence[Scan]):
         """Converts motions that were measured backward to motions forward in time, in the order of the recording.
 
         A motion is None where no backward motion connects the starts of its two scans: at the first scan and next to a
-        pause.
+        pause. Between scans that were taken in one instant, no motion is None.
 
         Args:
             backward: the N - 1 motions between the N scans, the last one first.
@@ -151,7 +151,7 @@ def join(
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
     """Returns the difference of two measurements of one motion, with its variances.
 
-    The variance is NaN along an axis that one of the measurements does not observe.
+    The variance is NaN along an axis that one of the measurements does not observe, and along all axes if one is lost.
     """
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
@@ -163,7 +163,7 @@ def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -
 
 
 def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
-    """Scales the part of a motion's covariance that psi's curvature shows, by factors (3,) for x, y and yaw."""
+    """Scales the part of a motion's covariance that psi's curvature shows: `scale` (3,) multiplies the variances."""
     seen = match.motion.covariance - match.unseen
     return replace(match.motion, covariance=se2.scale_covariance(seen, scale) + match.unseen)
 
@@ -202,9 +202,11 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 def _join_motions(
     forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float, is_guided: bool
 ) -> Measurement:
-    """Joins two measurements of one motion; if only one measurement has both scans matched, this one is used.
+    """Joins two measurements of one motion. Which ones are used depends on whether both scans were matched (`on_map`).
 
-    A direction that is still returning to its right position is not used, unless the other direction is returning, too.
+    If both have both scans matched, the result is their mean; if only one has, this one; if neither has, `_average_alike`
+    if `is_guided`, else `_intersect`. A direction that is still returning to its
+    right position is not used, unless the other direction is returning, too.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:

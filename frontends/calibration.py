@@ -41,10 +41,12 @@ class Twice(NamedTuple):
 
 
 def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
-    """Returns factors (3,): how many times larger the variances of x, y and yaw are than a front end states.
+    """Returns by which numbers (3,) the variances of x, y and yaw that a front end states must be multiplied.
+
+    The numbers are drawn towards 1 as if `_TRUSTED` more motions agreed with what the front end states.
 
     Args:
-        motions: motions that were measured twice; if no motion is usable, the factors are 1.
+        motions: motions that were measured twice; motions shorter than `_MOVED_M` are left out.
     """
     ratios = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= _MOVED_M)
     squares = np.asarray(np.fromiter(ratios, np.dtype((np.float64, 3))), dtype=np.float64)

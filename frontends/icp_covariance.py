@@ -39,7 +39,10 @@ class Surface:
         return int(np.count_nonzero(mark_near(self._grid, se2.transform(pose, scan), reach)))
 
     def find_nearest(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Returns distances (N, K) [m] and indices (N, K) of the K map points nearest to points (N, 2) [m], in order."""
+        """Returns distances (N, K) [m] and indices (N, K) of the map points nearest to points (N, 2) [m], the nearest first.
+
+        K is `_SURFACE_POINTS`, or the number of map points if there are fewer.
+        """
         distances, indices = self._tree.query(points, range(1, min(_SURFACE_POINTS, len(self._points)) + 1))
         return distances, indices
 

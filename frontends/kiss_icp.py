@@ -36,11 +36,11 @@ class KissIcpFrontEnd(MatchingFrontEnd):
 
     KISS-ICP begins at rest and predicts by its last motion, so that it would lose the first scans of a recording that begins
     while the vehicle drives. The front end therefore finds the first motion (`scan_matching.match_scans`): KISS-ICP runs
-    over the first scans forwards and then backwards in time, from several speeds, and starts with the motion whose scans
-    fitted best. Nothing is taken from psi except the radar's Doppler shift, which is removed from the ranges with the help
-    of the last motion.
+    over the first scans forwards and then backwards in time, from odometry's speed or else from several speeds, and starts
+    with the slowest motion that fits about as well as the best. Nothing is taken from psi except the radar's Doppler shift,
+    which is removed from the ranges with the help of the last motion.
 
-    KISS-ICP deskews a scan to the scan's end, so that its pose is the sensor's pose where the next scan begins.
+    KISS-ICP deskews a scan to the scan's end, where the next scan begins; without deskewing, its pose is that at half time.
 
     Raises:
         ConfigError: the YAML file of KISS-ICP's own settings is missing or invalid.
@@ -64,7 +64,10 @@ class _KissIcpMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map; see `ScanMatcher`."""
+        """Matches a scan, and adds it to the map; see `ScanMatcher`.
+
+        A scan that hardly matches once it is registered has already joined the map, at the registered pose.
+        """
         kiss, voxel_size = self._kiss, self._kiss.config.mapping.voxel_size
         # KISS-ICP takes the earliest and the latest point as the ends of a scan: two points too far to be kept mark the ends
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
@@ -91,7 +94,7 @@ class _KissIcpMatcher:
 
 
 def make_config(settings: Matching, own: Path | None = None) -> Any:
-    """Makes KISS-ICP's own settings (a KISSConfig) from the settings of matching, or reads them from a file.
+    """Makes KISS-ICP's own settings (a KISSConfig) from the settings of matching, or only from the file `own` if given.
 
     Raises:
         ConfigError: the file cannot be read, or does not hold valid settings of KISS-ICP.

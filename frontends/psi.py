@@ -38,7 +38,8 @@ from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of scans around a scan from which the departure of its motion from the motion model is estimated.
 _UNSTEADY_SCANS = 40
-# With fewer such jumps, part of the variance that the motion model does not explain is taken from the process noise.
+# If fewer jumps than this lie around a scan, part of the variance that the motion model does not explain is taken from the
+# process noise.
 _UNSTEADY_LEAST = 8
 
 _GAIN = 10.0  # variance of third differences of poses over the variance of first differences, for independent errors: 20 / 2
@@ -116,7 +117,7 @@ class PsiFrontEnd:
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
-    """Tracks a segment of the scans in `shared`, and returns its motions `begin` <= k < `end`, without the warm-up."""
+    """Tracks a segment of the scans in `shared`, and returns its motions `begin` <= k < `end`; the rest is warm-up."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
     if segment.is_backward:
@@ -241,8 +242,8 @@ def _estimate_unsteadiness(
 ) -> NDArray[np.float64]:
     """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model does not explain.
 
-    The variance is zero for a lost motion, whose covariance is large anyway. Where too few jumps show the variance, it is
-    taken from the process noise: from an acceleration that changes by its usual amount within a scan.
+    The variance is zero for a lost motion, whose covariance is large anyway. With fewer than `_UNSTEADY_LEAST` jumps around
+    a motion, part of it comes from the process noise: the usual change of acceleration (x, yaw) or sideways speed (y).
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

@@ -57,9 +57,9 @@ class Matching(NamedTuple):
 
     @classmethod
     def of(cls, context: Context, strongest: float, voxel_size_m: float) -> Matching:
-        """Returns the settings of a context; the other arguments are used where the user has set no value.
+        """Returns the settings that the user has chosen in a context; `strongest` and `voxel_size_m` are the defaults.
 
-        All returns of a lidar are used by default, because their intensities depend on the material.
+        For a lidar, `strongest` is 1 by default: all returns are used, because their intensities depend on the material.
         """
         chosen = context.config.scan_matching
         usual = 1.0 if context.is_lidar else strongest
@@ -157,7 +157,10 @@ class ScanTrack:
         Args:
             scan: the next scan in the track's direction of time.
             backwards: whether the track runs backwards in time.
-            with_covariance: whether the step's covariance is computed.
+            with_covariance: whether the step's covariance is computed; otherwise it is zero.
+
+        Returns:
+            The state of the track after the scan, which is also kept as `last`.
         """
         first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
         reference = self._matcher.reference
@@ -221,7 +224,7 @@ NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins 
 
 
 def keep_strongest(scan: Scan, share: float) -> Scan:
-    """Returns a scan with the strongest `share` (0..1] of its returns, and all others as strong as the weakest of these."""
+    """Returns a scan with the strongest `share` (0..1] of its returns, and with those that are as strong as the weakest."""
     count = int(np.ceil(share * len(scan.returns)))
     if count == len(scan.returns):
         return scan
@@ -378,7 +381,8 @@ def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Ar
     """Follows the first scans from a twist (3,) [m/s, m/s, rad/s], and then backwards in time.
 
     Returns:
-        The sum of the shares that are matched backwards, the twist (3,) at the start, and the first scan's backward step.
+        (1) The sum over the scans of the share of points that match backwards, (2) the twist (3,) at the start, and (3) the
+        backward step to the first scan.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
