@@ -37,10 +37,11 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
         scans: the returns of each scan; one scan is held in memory at a time.
 
     Returns:
-        A mask (C,), True for the cells whose returns repeat. Entry n is cell number n (`_find_cells`), up to the last cell
-        with a return. None if nothing is to be dropped: no cell repeats, there are few scans, or the sensor stood still.
+        A mask (C,) by the index of the cell (`_find_cells`), up to the last cell with a return: True where returns repeat.
+        None if nothing is to be dropped: no cell repeats, there are fewer than 8 scans, or so many returns repeat that the
+        sensor stood still.
     """
-    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # numbers of scans and returns per cell
+    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # counts of scans and returns per cell
     count, filled = 0, 0
     for returns in scans:
         cells = _find_cells(returns)
@@ -63,7 +64,7 @@ def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
 
 
 def _find_cells(returns: Returns) -> NDArray[np.int64]:
-    """Returns the number (N,) of each return's polar cell: 180 times its ring in range, plus its sector in azimuth."""
+    """Returns the index (N,) of each return's polar cell: 180 times its ring in range, plus its sector in azimuth."""
     column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / _FIXED_SECTORS)).astype(np.int64)
     ring = np.floor(returns.ranges / _FIXED_RANGE_M).astype(np.int64)
     return np.asarray(ring * _FIXED_SECTORS + np.minimum(column, _FIXED_SECTORS - 1), dtype=np.int64)

@@ -62,7 +62,7 @@ def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfi
 def detect_and_count(
     polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0
 ) -> tuple[Returns, PeakCounts]:
-    """Finds the returns of a polar scan, and counts the azimuths and peaks that the steps of the detector dropped.
+    """Finds the returns of a polar scan, and counts the azimuths and peaks that were used and dropped (see `PeakCounts`).
 
     Args:
         polar_scan: times (A,) [s], azimuths (A,) [rad], power (A, B), valid (A,).
@@ -120,7 +120,7 @@ def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
-    """Returns the smoothed power [0..255] above which a return stands out of the noise; 0 if there is no power.
+    """Returns the smoothed power [0..255] from which a return stands out of the noise; 0 if `power` is empty.
 
     The spread of the noise is the median power minus the 10th percentile, since targets only raise the power above the
     median. Power (A, B), of the usable azimuths and the range bins within the limits, is smoothed over 2 half + 1 bins.
@@ -153,10 +153,11 @@ def _find_peaks(
         half: half width of the first of two running means that smooth the power [bins].
         second_half: half width of the second running mean [bins].
         strongest: K, largest number of peaks per azimuth.
-        threshold: least smoothed power of a peak.
+        threshold: least smoothed power of a peak [0..255].
 
     Returns:
-        Ranges (A, K) [bins] and smoothed powers (A, K) of the peaks, in no order; both are 0 where there is no peak.
+        Ranges (A, K) [bins], where bin b is centred at b + 0.5, and smoothed powers (A, K) of the peaks. The peaks of an
+        azimuth are in no order; both are 0 where there is no peak.
     """
     azimuths, bins = power.shape
     ranges = np.zeros((azimuths, strongest))
@@ -194,9 +195,9 @@ def _find_peaks(
 
 @nb.njit(cache=True, nogil=True)
 def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Writes the running sums of values (B,) over 2 half + 1 bins to `out` (B,); 0 where bins would lie outside the row.
+    """Writes the running sums of values (B,) over 2 half + 1 bins to `out` (B,); 0 where the sum would reach beyond an end.
 
-    If two running sums of nearly equal width are taken one after the other, their common weights are nearly a triangle.
+    The caller takes two running sums one after the other: this is fast, and smooths with nearly triangular weights.
     """
     width = 2 * half + 1
     out[:] = 0.0
@@ -245,12 +246,15 @@ def _join_peaks(
 ) -> NDArray[np.float64]:
     """Joins peaks of neighbouring azimuths at nearly the same range into one target each.
 
+    A peak is compared with the nearest peak in range of each of the two neighbouring azimuths. If one of these is stronger,
+    the peak is dropped. Else the peak becomes a target, at the power-weighted mean of the peaks that were compared.
+
     Args:
         ranges: (A, K) ranges of the peaks [m].
         values: (A, K) powers of the peaks; 0 without a peak.
-        azimuths: (A,) rad.
-        times: (A,) s.
-        join: peaks whose ranges differ by less than this are joined [m].
+        azimuths: (A,) [rad]; the first and the last are not compared, since their times differ by a turn.
+        times: (A,) [s].
+        join: peaks are compared if their ranges differ by less than this [m].
 
     Returns:
         (N, 4) range [m], azimuth [rad] and time [s] of each target, and the power of its strongest peak.

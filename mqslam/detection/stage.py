@@ -42,13 +42,14 @@ def detect_stretch(
     Args:
         recording: the recording.
         config: settings of the detector.
-        start: number of the first polar scan.
-        stop: number of the first polar scan after the stretch.
+        start: index of the first polar scan.
+        stop: index of the last polar scan, plus one.
         strict: whether a polar scan that cannot be read is an error; else it becomes a scan without returns.
-        with_velocities: whether each polar scan measures the sensor's velocity, which needs alternating chirps.
+        with_velocities: whether each polar scan measures the sensor's velocity. Where up-chirps and down-chirps do not
+            alternate, the velocities state this as their outcome.
 
     Returns:
-        The returns of each polar scan, the error of each unread polar scan, the velocities, the counts and the time spent.
+        The results, one entry per polar scan; `velocities` is None unless they are asked for.
 
     Raises:
         DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine.
@@ -125,7 +126,8 @@ def detect_all(
         The scans, and the other results as a `Detected` whose own list of returns is empty.
 
     Raises:
-        DataError: more than half of the polar scans cannot be read, or one cannot be read and `strict` is set.
+        DataError: more than half of the polar scans cannot be read, one cannot be read and `strict` is set, or the recording
+            does not exist on the machine of a worker.
     """
     total = len(recording)
     parts = (runner or Runner()).map(
@@ -200,7 +202,7 @@ def make_scans(recording: Recording, returns: list[Returns] | None = None, begin
     Args:
         recording: the recording.
         returns: the returns of each polar scan of a stretch; None makes empty scans for the whole recording.
-        begin: number of the first polar scan of the stretch.
+        begin: index of the first polar scan of the stretch.
     """
     returns = [Returns.none()] * len(recording) if returns is None else returns
     stretch = slice(begin, begin + len(returns))

@@ -89,8 +89,8 @@ class ChirpCorrelation:
     Args:
         azimuths: (K,) direction of each correlation [rad], counter-clockwise from straight ahead.
         times: (K,) [s] since the recording's start.
-        values: (K, 2 L + 1) correlations, -1 to 1, of up-chirps with down-chirps whose echoes lie -L to L cells farther
-            away; 0 without echoes.
+        values: (K, 2 L + 1) correlations, -1 to 1; 0 without echoes. Column n assumes that the down-chirp's echoes lie n - L
+            cells farther away. Each row averages three successive pairs of azimuths, with weights of 1, 2 and 1.
         cell: length of a cell [m].
     """
 
@@ -111,7 +111,7 @@ class ChirpCorrelation:
 
 
 def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCorrelation | None:
-    """Correlates up-chirps of a polar scan with down-chirps at neighbouring azimuths; None if there are no such pairs.
+    """Correlates up-chirps with down-chirps at neighbouring azimuths; None if no three successive pairs alternate.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -145,6 +145,8 @@ def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCor
 def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -> NDArray[np.float32]:
     """Returns the strength (A, C) of the echoes in each range cell: power above the noise, less its average around the cell.
 
+    Cells reach from the radar to 150 m, and hold 0 nearer than 2.5 m. Beside strong echoes the strength is below zero.
+
     Args:
         power: (A, B) uint8 received power per azimuth and range bin.
         range_resolution: length of a range bin [m].
@@ -170,8 +172,9 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
     """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths at shifts of -L to L cells.
 
-    Row n correlates azimuths n and n + 1, of which one is an up-chirp, marked by `rising` (A,), and the other a down-chirp.
-    A positive shift means that the down-chirp's echoes lie farther away. L is `reach`.
+    Row n correlates azimuths n and n + 1, of which one is an up-chirp, marked by `rising` (A,), and the other a down-chirp;
+    if both are alike, the row has no meaning. A positive shift means that the down-chirp's echoes lie farther away. L is
+    `reach`.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -274,7 +277,8 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
     """Fits the velocity at time `middle` [s] and the acceleration to all shifts, from a first velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
-    different times.
+    different times. The result is no velocity but the reason if too few azimuths have a peak near the expected shift, or if
+    one sector of azimuths alone determines the fit.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
     jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
@@ -296,7 +300,7 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 
     Args:
         jacobian: (K, 4) derivatives of the radial speeds by the state: vx, vy [m/s], and accelerations ax, ay [m/s^2].
-        shifts: the radial speeds.
+        shifts: the radial speeds and their weights.
         state: (4,) state from which the fit starts.
         prior: (4, 4) information matrix of a prior on the state, whose mean is zero.
 
@@ -320,7 +324,8 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
     """Returns the covariance (4, 4) of a fitted state by a jackknife over sectors; None if one sector alone determines it.
 
     A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
-    The arguments are the arguments of `_fit_robustly`, with its results in `state` and `width`.
+    Where the loss is not convex at the state, with all azimuths or without a sector, there is no such step: None. The
+    arguments are those of `_fit_robustly`, with its results in `state` and `width`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -341,7 +346,7 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
 
 
 def _measure_spread(residuals: Array, weights: Array) -> float:
-    """Returns the standard deviation of residuals (K,) [m/s], from the weighted median of their sizes.
+    """Returns the standard deviation of residuals (K,) [m/s], at least 1 mm/s, from the weighted median of their magnitudes.
 
     Outliers have little influence, as long as less than half of the weights (K,) is on them.
     """
@@ -352,7 +357,7 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Scales the weights (K,) of shifts to information [s^2/m^2], such that their self-weighted mean is 1 / spread^2.
+    """Scales the weights (K,) of shifts to information [s^2/m^2], whose mean, weighted by itself, is 1 / spread^2.
 
     Args:
         weights: (K,) relative weights, in any unit.

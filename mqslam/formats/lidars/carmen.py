@@ -61,10 +61,11 @@ def recognises(path: Path) -> bool:
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
     """Reads a CARMEN log.
 
-    All beams of a scan have the scan's time, since the format states no times of beams. The trajectory consists of the
-    lidar's poses in the scan lines. The odometry comes from the ODOM lines or, in a log without ODOM lines, from the robot's
-    poses in the scan lines. If these differ from the lidar's poses only by a constant offset, they hold no second
-    measurement, and there is no odometry. Poses of the robot are converted to poses of the lidar.
+    If a log has FLASER and ROBOTLASER1 lines, only the kind with more lines is read. All beams of a scan have the scan's
+    time, since the format states no times of beams. The trajectory consists of the lidar's poses in the scan lines. The
+    odometry comes from the ODOM lines or, in a log without ODOM lines, from the robot's poses in the scan lines. If the
+    robot's poses differ from the lidar's only by a constant offset, they hold no second measurement, and there is no
+    odometry. Poses of the robot are converted to poses of the lidar.
 
     Args:
         path: the log.
@@ -154,7 +155,9 @@ def _spread_readings(
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Returns the returns of each scan, without ranges of 0 and clipped ranges, and a note if the log clips long ranges.
+    """Returns the returns of each scan, and a list with a note if the log clips long ranges.
+
+    Ranges of 0, clipped ranges, and ranges from the lidar's maximum on are left out.
 
     Args:
         scans: the N scans.
@@ -174,9 +177,14 @@ def _drop_clipped(
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
     """Finds the range [m] at which a log clips its readings, below the lidar's own maximum; inf if the log clips none.
 
-    The longest range is this limit if it occurs too often to be a real object. Else the limit is the parameter
-    robot_front_laser_max, in metres or centimetres. The parameter is ignored if some range is longer, since it may limit the
-    robot's obstacle avoidance instead. `ranges` (K,) are all ranges [m] below the lidar's maximum, of all `readings`.
+    The longest range is this limit if it is 3 m or more and occurs too often to be a real object. Else the limit is the
+    parameter robot_front_laser_max, in metres or centimetres. The parameter is ignored if some range is longer, since it may
+    limit the robot's obstacle avoidance instead.
+
+    Args:
+        ranges: (K,) all ranges below the lidar's maximum [m].
+        readings: number of all readings of the log, also of those without such a range.
+        parameters: parameters of the log.
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
@@ -192,7 +200,7 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
     Poses are x, y [m], yaw [rad]. If the poses of lidar and robot are rigidly connected and differ, their difference is the
     lidar's pose on the robot. Else the lidar lies ahead of the robot's origin by the parameter robot_frontlaser_offset, in
-    metres or, if it is above 2, in centimetres.
+    metres or, if it is above 2, in centimetres; without this parameter, it lies at the origin.
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
@@ -229,9 +237,9 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
 def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
     """Returns a mask (M,) of the odometry lines whose stamps (M,) [us] fit the order of the log.
 
-    An odometry line right above a scan that has the scan's stamp belongs to the scan, and is always marked. Stamps of other
-    lines may run back and forth (by up to a second in the Intel log). Such a line is marked if its stamp lies between the
-    stamps of the nearest lines above and below that belong to scans.
+    If the last ODOM line above a scan has the scan's stamp and is not anchored, it belongs to the scan and is always marked.
+    Stamps of other ODOM lines may run back and forth (by up to a second in the Intel log). Such a line is marked if its
+    stamp lies between the stamps of the nearest lines above and below that belong to scans.
     """
     above = ((scan.odometry_above - 1, scan.stamp) for scan in scans if scan.odometry_above)
     pinned = {row for row, stamp in above if lines[row].stamp == stamp and not lines[row].anchored}

@@ -63,12 +63,13 @@ def read_lidar(path: Path) -> LidarRecording:
     """Reads the scans of a bag, with its odometry and the poses that some SLAM system published.
 
     Ranges that are infinite, NaN or outside (range_min, range_max) are no returns. Beam k is measured k time increments
-    after the header's stamp. If /tf_static, or a transform on /tf that never changes, states the lidar's mount, poses of
-    the robot are converted to poses of the lidar.
+    after the header's stamp, unless these times cannot be true (see `_find_times`). If /tf_static, or a transform on /tf
+    that never changes, states the lidar's mount, poses of the robot are converted to poses of the lidar, and the angles of a
+    lidar that is mounted upside down are mirrored.
 
     Raises:
-        DataError: the bag cannot be read, has no topic of scans or several, has fewer than two scans whose stamps increase,
-            or no scan has a return.
+        DataError: the bag cannot be read, has no topic of scans, or has several and not exactly one of them is named `scan`;
+            there are fewer than two scans whose stamps increase, or no scan has a return.
     """
     with bags.open_bag(path) as reader:
         topic = _choose_topic(path, reader)
@@ -108,7 +109,7 @@ def read_lidar(path: Path) -> LidarRecording:
 
 
 def _choose_topic(path: Path, reader: AnyReader) -> str:
-    """Chooses the topic of scans: the only one or, of several, the only one that ends in `scan`; else raises a DataError."""
+    """Chooses the topic of scans: the only one or, of several, the only `.../scan`; raises a DataError if there is none."""
     topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
     if not topics:
         raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"give a bag with {SCAN_TYPE}")
@@ -120,10 +121,10 @@ def _choose_topic(path: Path, reader: AnyReader) -> str:
 
 
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of a SLAM system's poses; None where the bag has no such topic.
+    """Chooses the topics of odometry and of a SLAM system's poses; None where no such topic has two messages.
 
-    Topics are preferred by name first, then by number of messages. Topics of commands, such as goals, are left out. Ground
-    truth is never taken as odometry, and is taken as a SLAM system's poses only if there are no other poses.
+    Odometry is preferred if its topic's name contains `odom`, and is never ground truth. Of poses, those that are not ground
+    truth are preferred, and topics of commands, such as goals, are left out. Then the topic with most messages is chosen.
     """
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
     drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.is_truth(c.topic)]
@@ -177,8 +178,9 @@ def _parse_scan(message: Any) -> Returns:
 def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
     """Returns the times [s] of the beams of N scans, counted from the first stamp, and a note if they are replaced.
 
-    The N scans have stamps (N,) [us], from which the times in `scans` count [s]. If a scan would last longer than the time
-    until the next scan, the driver's time increment is wrong: all beams of a scan then get the time of the scan's stamp.
+    The N scans have stamps (N,) [us], from which the times in `scans` count [s]. These times are replaced if the driver's
+    time increment is zero, is negative, or lets a scan last longer than the usual time until the next scan. Then all beams
+    of a scan get the time of the scan's stamp.
     """
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])
