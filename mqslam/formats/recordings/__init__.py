@@ -61,7 +61,7 @@ def open_recording(
             where azimuths carry no angles, the layout's default.
         stamp: whether a polar scan is stamped at the start or the end of its revolution, for layouts whose azimuths carry no
             stamps; None takes the layout's default.
-        topics: topics of a bag that hold polar scans, odometry and ground truth, unless type and name are to choose them.
+        topics: topics of a bag with polar scans, odometry and ground truth; where one is None, type and name choose it.
         encoder_size: encoder ticks per revolution, for layouts whose azimuths carry encoder values; None takes the number
             that the recording states, else the number that Navtech's radars have.
 
@@ -105,7 +105,10 @@ def _load(format: str) -> Layout:
 
 
 def _find_root(path: Path) -> Path:
-    """Returns the root of a recording: the first of the path and the folders above whose name is not in `_IMAGE_FOLDERS`."""
+    """Returns the folder within which a recording's files may lie: the path, or the first folder above it with another name.
+
+    Names in `_IMAGE_FOLDERS` are those of folders inside a recording, whose other files lie beside them.
+    """
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:
         root = root.parent
@@ -120,7 +123,7 @@ def _is_result(path: Path) -> bool:
 
 
 def _guess_layout(path: Path) -> Layout:
-    """Returns the first layout that recognises a path; raises a DataError that says what the path is if no layout does."""
+    """Returns the first layout that recognises a path; if none does, raises a DataError that says what the path is."""
     for format in FORMATS:
         layout = _load(format)
         if layout.recognises(path):

@@ -70,7 +70,7 @@ class Arrivals:
 
 
 def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] | None = None) -> Arrivals:
-    """Estimates the stamps of polar scans by removing the delays from their stamps of arrival.
+    """Estimates the stamps of polar scans by removing the delays from their stamps of arrival; a single stamp is kept.
 
     Args:
         stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
@@ -157,9 +157,9 @@ def _fill_turns(
 ) -> tuple[NDArray[np.int64], float]:
     """Returns the stamp of every turn (M,) [us], missing turns included, and the usual duration of a turn [us].
 
-    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. All other turns are
-    spread evenly between these. At a gap between two known turns, another turn is put after the gap if its stamp of arrival
-    lies there, else before the gap.
+    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. The other turns are
+    spread evenly between these; before the first and after the last of these, they follow at the usual duration. Where a gap
+    lies between two known turns, another turn is put after the gap if its stamp of arrival lies there, else before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -272,12 +272,13 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Splits N stamps into delays and turns at the likeliest ratio of the variances of jitter and changes.
+    """Splits N stamps into delays and true times at the likeliest ratio of the variances of jitter and changes.
 
     Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
     of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
     computer was busy, are recognised as late before the estimated turns can follow them. `bends`, `tied` and `known` are as
-    in `_estimate_delays`; `turn` is the duration of a turn [us], in which a stray stamp may lie anywhere.
+    in `_estimate_delays`. A stray stamp is taken to lie anywhere within a turn of `turn` [us]; its likelihood follows from
+    this.
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0

@@ -89,7 +89,8 @@ def repair_azimuths(
     """Makes azimuths from the raw times and encoder values of rows.
 
     Damaged rows are marked invalid, and their times or encoder values are interpolated between the other rows. A row is
-    damaged if its time breaks the order of the other times, or if its encoder value is above `turn` or runs backward.
+    damaged if its time breaks the order of the other times or is more than 30 s from their median, or if its encoder value
+    is above `turn` or runs backward.
 
     Args:
         stamps_us: (A,) raw times [us].
@@ -151,9 +152,9 @@ def check_encoder(
 ) -> list[str]:
     """Checks the assumed number of encoder ticks per revolution.
 
-    If the encoder has fewer ticks, each revolution seems to last until after the next one has begun: revolutions seem to
-    overlap. They also seem to overlap if the radar sweeps only a part of the circle. The number of ticks that are swept
-    until the next revolution begins distinguishes the cases, since encoders are made with only a few numbers of ticks.
+    If the encoder has fewer ticks than assumed, each revolution seems to last until after the next one has begun: they seem
+    to overlap. They also seem to overlap if the radar sweeps only a part of the circle. To tell these two cases apart, the
+    number of ticks that are swept until the next revolution begins is compared with the numbers that encoders are made with.
 
     Args:
         path: path of the recording, for errors.
@@ -162,7 +163,8 @@ def check_encoder(
         turn: encoder ticks per revolution that were assumed.
 
     Returns:
-        A message for the user if revolutions seem to overlap but no encoder has as many ticks as are swept; else nothing.
+        A list with a message for the user if revolutions seem to overlap but no encoder has as many ticks as are swept; an
+        empty list otherwise, and for few polar scans.
 
     Raises:
         DataError: revolutions seem to overlap, and an encoder with another number of ticks explains the overlap.

@@ -126,7 +126,7 @@ def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
 
 
 def _read_stated(file: Path, name: str, fits: Callable[[float], bool]) -> float | None:
-    """Reads the number with a name from a file of calibrations; returns None where the file or the number is missing.
+    """Reads the number called `name` from a file of calibrations; returns None where the file or the number is missing.
 
     Raises:
         DataError: the file cannot be read, or `fits` returns False for the number.
@@ -207,7 +207,8 @@ def write(out: Path, recording: Recording) -> list[str]:
 def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) -> list[str]:
     """Writes the ground truth at the stamps (N,) [us] of the images, and returns notes for the user.
 
-    Images outside the ground truth are left out. The roll is pi, so that the heading is the yaw (see `_read_poses`).
+    Images outside the ground truth get no pose; if fewer than two get one, nothing is written. The roll is pi, so that the
+    heading is the yaw (see `_read_poses`).
     """
     stamps = middles[(middles >= truth.stamps_us[0]) & (middles <= truth.stamps_us[-1])]
     if len(stamps) < 2:

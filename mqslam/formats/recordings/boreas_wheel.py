@@ -44,7 +44,7 @@ def is_wheel_radius(metres: float) -> bool:
 def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, radar: Recording) -> Reading[Trajectory]:
     """Reads a wheel encoder, and combines its travel with the rotation of a gyroscope into a trajectory of the vehicle.
 
-    The trajectory has a pose at each stamp of the gyroscope within the encoder's time.
+    The trajectory has a pose x, y [m], yaw [rad] at each stamp of the gyroscope within the encoder's time.
 
     Args:
         path: the file of the wheel encoder.

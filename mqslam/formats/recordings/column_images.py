@@ -43,7 +43,7 @@ class ColumnImages:
         return self.folder / f"{str(name).zfill(self.digits)}.png"
 
     def read_shape(self, name: int) -> tuple[int, int]:
-        """Reads the numbers of rows (range bins) and of columns (azimuths) of an image.
+        """Reads how many rows (range bins) and how many columns (azimuths) an image has.
 
         Raises:
             DataError: the image cannot be read, has fewer than two columns, or has more columns than rows.
@@ -111,12 +111,12 @@ def open_columns(
         images: the images.
         named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
         numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None if none is missing.
-        usual_resolution: length of a range bin [m], unless `sensing` states another one, and the name of the radar that has
-            such bins.
+        usual_resolution: (1) the length of a range bin [m], unless `sensing` states another one; (2) the name of the radar
+            that has such bins, for a note.
         sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
 
     Raises:
-        DataError: there are no images, or half of them cannot be used.
+        DataError: there are no images, or each of the first half of them cannot be used.
     """
     if not len(images.names):
         raise DataError(images.folder, "holds no polar scans", f"it should hold images named like {images.path(1).name}")

@@ -52,10 +52,12 @@ def copy_fields(recording: Recording) -> dict[str, Any]:
 def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Recording:
     """Returns the scans that begin in a span of time, as a recording with all odometry and readings of other sensors.
 
+    Times in the returned recording count from its first scan. Without start and end, the recording itself is returned.
+
     Args:
         recording: the recording.
         start_s: beginning of the span [s] since the recording's start; None takes the recording's start.
-        end_s: end of the span [s] since the recording's start; None takes the recording's end.
+        end_s: end of the span [s], at which no scan may begin any more; None takes the recording's end.
 
     Raises:
         ConfigError: a time is no number, the span ends before it begins, or it holds no scan (or only one of a lidar).
@@ -123,9 +125,9 @@ class WatchedRecording(Recording):
 
     Args:
         inner: the wrapped recording.
-        progress: called after each polar scan with the number of polar scans read and the number of all polar scans.
-        unmeasured: list of one number: how many of the azimuths read so far are marked as not measured.
-        down: list of one number: how many of the azimuths read so far have a down-chirp besides up-chirps in the same scan.
+        progress: called after polar scan k is read, with k + 1 and the count of all polar scans.
+        unmeasured: list of one count, which reading changes: azimuths read so far that are marked as not measured.
+        down: list of one count, which reading changes: down-chirps read so far, in scans that also have up-chirps.
     """
 
     inner: Recording
@@ -143,5 +145,5 @@ class WatchedRecording(Recording):
 
 
 def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
-    """Wraps a recording so that it calls `progress(polar scans read, all polar scans)` after each polar scan."""
+    """Wraps a recording so that it calls `progress(k + 1, count of all polar scans)` after polar scan k is read."""
     return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], down=[0], **copy_fields(recording))

@@ -78,16 +78,19 @@ class Restorer:
         return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
 
     def _spread_evenly(self, k: int) -> NDArray[np.int64]:
-        """Returns the column that shows each azimuth (A,), -1 if lost, if the azimuths lost by image k are spread evenly."""
+        """Returns the column of image k that shows each azimuth (A,), -1 if lost, as if losses were spread evenly."""
         azimuths, lost = self._image(k).shape[1], self._lost(k)
         return _list_sources(azimuths, np.arange(1, lost + 1) * azimuths // (lost + 1))
 
     def _find_source(self, k: int, of_neighbour: Callable[[int], NDArray[np.int64]]) -> NDArray[np.int64]:
         """Returns the column of image k that shows each azimuth (A,), -1 where the azimuth was lost.
 
+        The images before and after show where azimuths were lost. If one of them cannot be read, or if too many azimuths
+        were lost, the losses are spread evenly.
+
         Args:
-            k: number of the image.
-            of_neighbour: returns an estimate of the same array for the image before or after, given the image's number.
+            k: index of the image.
+            of_neighbour: returns an estimate of the same array for the image before or after, given the image's index.
         """
         beside = (k - 1, k + 1)
         if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
@@ -119,14 +122,14 @@ def place_losses(
 ) -> NDArray[np.int64]:
     """Finds where in a revolution azimuths were lost.
 
-    For each number of azimuths that may have been lost before a column, the column is correlated with the images before and
-    after. In each band of range, the shift of the scene with the highest correlation counts, and these correlations are
-    summed to a score. Along the revolution, the number of lost azimuths cannot decrease. Dynamic programming finds the
-    numbers with the greatest sum of scores.
+    For each count of azimuths that may have been lost before a column, the column is correlated with the images before and
+    after. In each band of range, the highest correlation over the possible shifts of the scene is taken, and these
+    correlations are summed to a score. Along the revolution, the count of lost azimuths cannot decrease. Dynamic programming
+    finds the counts with the greatest sum of scores.
 
     Args:
-        before: (bands, rows, A) the image before, with each column at the azimuth that it shows.
-        bands: (bands, rows, A) the image.
+        before: (bands, rows, A) the image before, as `_cut_bands` cuts it, with each column at the azimuth that it shows.
+        bands: (bands, rows, A) the image, whose columns are still where the recorder put them.
         after: (bands, rows, A) the image after, with each column at the azimuth that it shows.
         lost: number of lost azimuths.
 

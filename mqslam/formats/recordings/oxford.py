@@ -79,11 +79,14 @@ def find_image_folder(path: Path) -> Path:
 
 
 def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Lists the images of a recording in order; if there is a `radar.timestamps`, only the images that it lists.
+    """Lists the images of a recording in order; if there is a `radar.timestamps`, only those that it lists without a 0.
 
     Returns:
-        The names (N,) of the images, which are stamps [us], notes for the user on images and lines that are left out, and
-        messages for the user on defects of `radar.timestamps`.
+        (1) The names (N,) of the images, which are stamps [us]; (2) notes for the user on images and lines that are left
+        out; (3) messages for the user on lines of `radar.timestamps` that repeat or are out of order.
+
+    Raises:
+        DataError: `radar.timestamps` cannot be read, or has lines of another form.
     """
     names = list_stamps(folder)
     listing = root / "radar.timestamps"

@@ -167,7 +167,10 @@ class RadarTopic:
         return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
     def find_turn(self, message: Any) -> int:
-        """Returns the smallest usual number of encoder ticks per turn that is not below any encoder value of a message."""
+        """Returns the usual number of encoder ticks per turn: 5600, or for a b-scan the number that fits its encoder values.
+
+        This is the smallest usual number that is not below any encoder value; if there is none, the largest usual number.
+        """
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
         largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
@@ -212,7 +215,7 @@ def choose_topic(
 
 
 def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
-    """Chooses the topic whose first image looks like a polar image; raises a DataError unless there is one such topic."""
+    """Chooses the topic whose first image looks like a polar image; raises a DataError if no or several topics do."""
     first_messages: dict[str, tuple[Connection, Any]] = {}
     for connection in images:
         _, _, raw = next(reader.messages([connection]))
@@ -228,7 +231,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if it finds none."""
+    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if ten messages hold none."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -315,7 +318,7 @@ def read_turns(
     """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
     A turn of the radar is left out if at most half of it is in the bag, as may be at the bag's start and end. If no turn is
-    complete, what there is of the last turn is still yielded.
+    complete, what there is of the last turn is still yielded. A message that cannot be read is yielded as it is.
 
     Args:
         reader: reader of the open bag.
@@ -383,7 +386,10 @@ def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
 
 
 def _read_azimuth(message: Any, logged: int) -> _Azimuth:
-    """Reads a message of one azimuth, recorded at `logged` [ns]; raises AttributeError or ValueError for a bad field."""
+    """Reads a message of one azimuth, recorded at `logged` [ns]; raises AttributeError or ValueError for a bad field.
+
+    The stamp is the radar's own clock if this was set, else the stamp in the header, else the time of recording.
+    """
     power = np.asarray(message.data, dtype=np.uint8)
     if power.ndim != 1 or not power.size:
         raise ValueError("holds no power")
@@ -506,7 +512,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
     """Makes a mono8 image message of Oxford rows from polar scan k.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise, or readers would not recognise the rows.
+        DataError: the polar scan turns counter-clockwise or has one azimuth, or readers would not recognise the rows.
     """
     rows = make_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
@@ -522,7 +528,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
     """Makes a b-scan of Navtech's driver from polar scan k, with the usual number of encoder ticks that fits its azimuths.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise.
+        DataError: the polar scan turns counter-clockwise, or has one azimuth.
     """
     stamps = azimuth_stamps(recording, polar_scan)
     ticks = encode_azimuths(recording, k, polar_scan, _choose_encoder(polar_scan))

@@ -228,7 +228,11 @@ class Frames:
         return odometry.attach(se2.inverse(on_vehicle)), f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this."""
+        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this.
+
+        Otherwise the poses are returned unchanged. If no transform places the frame on the vehicle, they are taken as poses
+        of the radar; if only the radar's mount is not known, they are still poses of the frame.
+        """
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
@@ -262,8 +266,8 @@ class _Index:
     Args:
         stamps_us: N stamps [us].
         logged_ns: N times of recording [ns].
-        turns_us: if azimuths carry stamps, the N durations of `Azimuths.find_duration` [us]; else empty.
-        measured_turns_us: if azimuths carry stamps, the N durations of `Azimuths.measure_turn` [us]; else empty.
+        turns_us: if azimuths carry stamps, the N durations of `Azimuths.find_duration` [us] or None; else empty.
+        measured_turns_us: if azimuths carry stamps, the N durations of `Azimuths.measure_turn` [us] or None; else empty.
         unread: number of unreadable messages of the radar.
         error: error of the first unreadable message; None if all are readable.
         poses: the poses on the topics of odometry and ground truth.
@@ -283,7 +287,10 @@ class _Index:
 
 
 def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
-    """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both."""
+    """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both.
+
+    The offset is 0 if the bag states none, or if the user states one, which `recordings.open_recording` applies.
+    """
     notes, resolution, offset = [], sensing.range_resolution, 0.0
     if resolution is None and stated is not None:
         resolution = stated.bin_length
@@ -299,7 +306,13 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth: by the user, else by type and name; None if there is none."""
+    """Chooses the topics of odometry and of ground truth: by the user, else by type and name; None if there is none.
+
+    Of several, the first whose name contains `odom`, else the first, is the odometry; the first is the ground truth.
+
+    Raises:
+        DataError: a topic that the user names does not exist or holds no poses.
+    """
     typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
     chosen = (named.odometry, named.truth)
     for topic in chosen:

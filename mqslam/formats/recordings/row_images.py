@@ -133,7 +133,8 @@ def open_rows(
     """Indexes images by their names; reads the first and the last readable image, and a few others.
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end. The
-    first image shows which share of a turn lies before this instant. The share is taken to be the same in all images.
+    first image shows which share of a turn lies before this instant. The share is taken to be the same in all images. If the
+    instant lies outside the turn of the first image, its distance in time is taken to be the same instead.
 
     Args:
         path: the recording.
@@ -145,8 +146,8 @@ def open_rows(
         sensing: what the user states about the radar.
 
     Raises:
-        DataError: there are no images, half of them cannot be used, or the azimuths show another number of encoder ticks
-            per turn than is assumed.
+        DataError: there are no images, the first or the last half of them cannot be used, or the azimuths show another
+            number of encoder ticks per turn than is assumed.
     """
     if not len(names):
         raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")

@@ -67,13 +67,13 @@ def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = Non
     """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next.
 
     The duration is found from the steps around each step, since a radar may change its rate. If there are few steps, or if
-    polar scans are missing regularly, the steps alone do not show which of them are gaps; then the azimuths' stamps do.
+    polar scans are missing regularly, the steps alone do not show which of them are gaps; `measure` then shows it.
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
-        measure: takes the number of a polar scan, and returns the duration [us] of its turn from the stamps of its azimuths,
-            or None if these show no duration. It may read the polar scan, so it is called for all polar scans only if there
-            are few, else for one or two per turn rate. Leave `measure` out if azimuths have no stamps.
+        measure: takes the index of a polar scan, and returns the duration [us] of its turn from the stamps of its azimuths,
+            or None if these show no duration. It may read the polar scan, so it is called for all but the last only if there
+            are few, else for one or two per turn rate. None if azimuths have no stamps.
     """
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):
@@ -94,9 +94,10 @@ def place_turns(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns starts (N,) and durations (N,) [us] of a radar's turns, which have one stamp each.
 
-    If stamps are starts, a turn lasts until the next stamp; if stamps are ends, a turn has lasted since the stamp before. A
-    turn next to a gap, or at the end of a recording, is taken to last as long as the nearest turn, since the rate changes
-    slowly.
+    If stamps are starts, a turn lasts until the next stamp; if stamps are ends, a turn has lasted since the stamp before.
+    Where this stamp is missing or lies across a gap, the turn is taken to last as long as the next turn that is known (at
+    the end of a recording, the last one), since the rate changes slowly. If that turn does not fit the usual duration, or
+    none is known, the usual duration is taken.
 
     Args:
         stamps_us: (N,) increasing stamps of the turns [us].
@@ -120,7 +121,7 @@ def place_turns(
 
 
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Finds the usual duration (M,) of a turn [us] at each of M steps [us].
+    """Finds the usual duration (M,) of a turn [us] at each of M steps [us]; 250 ms where these show no plausible duration.
 
     If there are few steps, it is one of the shortest steps, since polar scans may be missing but never come early.
     """
@@ -155,7 +156,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns durations (R,) of a turn [us] that may explain steps (M,) [us]: frequent steps that clearly differ."""
+    """Returns at most eight durations (R,) of a turn [us] that may explain steps (M,) [us]: frequent, clearly different."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
@@ -192,13 +193,13 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses the numbers of one or two polar scans whose measured durations represent some steps.
+    """Chooses the indices of one or two polar scans whose measured durations represent some steps.
 
-    If the recording's first or last step is among the steps, these are its first or last polar scan (or both). Otherwise it
-    is a polar scan in the middle of the longest run of successive steps.
+    If the recording's first or last step is among the steps, these are its first or last polar scan (or both), which the
+    caller may have read already. Otherwise it is a polar scan in the middle of the longest run of successive steps.
 
     Args:
-        steps: increasing numbers of the steps, such as all steps at one rate.
+        steps: increasing indices of the steps, such as all steps at one rate.
         count: number of all steps of the recording.
     """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
