@@ -39,8 +39,8 @@ _RING_SHARE = 0.3
 _SMOOTHING_M = 0.2
 # Peaks of neighbouring azimuths that are this close in range are one target [m].
 _JOIN_M = 0.6
-# If range bins are long, peaks of neighbouring azimuths that are this many bins apart are still one target. The range of a
-# peak is known to half a bin, so that the peaks of one target differ by up to a bin.
+# If range bins are long, peaks of neighbouring azimuths that are this many bins apart are still one target, since the range
+# of each peak is known only to half a bin.
 _JOIN_BINS = 1.5
 # At a ring, the share of azimuths with a peak is also more than this many times the share at the ranges around the ring.
 _RING_CONTRAST = 2.0
@@ -213,8 +213,8 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
     """Sets the powers of peaks on rings to 0.
 
-    At a ring, many azimuths have a peak. If range bins are long, many azimuths may have a peak at any range. Therefore a
-    ring must also have more peaks than the ranges around it.
+    At a ring, many azimuths have a peak. With long range bins, so have many at any range. Therefore a ring must also have
+    more peaks than the ranges around it.
 
     Args:
         ranges: (A, K) ranges of the peaks [bins].
@@ -246,13 +246,13 @@ def _join_peaks(
 ) -> NDArray[np.float64]:
     """Joins peaks of neighbouring azimuths at nearly the same range into one target each.
 
-    A peak is compared with the nearest peak in range of each of the two neighbouring azimuths. If one of these is stronger,
-    the peak is dropped. Else the peak becomes a target, at the power-weighted mean of the peaks that were compared.
+    A peak is compared with the nearest peak of each of the two neighbouring azimuths. If one of these is stronger, the peak
+    is dropped; else it becomes a target, at the power-weighted mean of the compared peaks.
 
     Args:
         ranges: (A, K) ranges of the peaks [m].
         values: (A, K) powers of the peaks; 0 without a peak.
-        azimuths: (A,) [rad]; the first and the last are not compared, since their times differ by a turn.
+        azimuths: (A,) [rad]; the first and the last are no neighbours, since their times differ by a turn.
         times: (A,) [s].
         join: peaks are compared if their ranges differ by less than this [m].
 

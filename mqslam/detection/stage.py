@@ -45,8 +45,7 @@ def detect_stretch(
         start: index of the first polar scan.
         stop: index of the last polar scan, plus one.
         strict: whether a polar scan that cannot be read is an error; else it becomes a scan without returns.
-        with_velocities: whether each polar scan measures the sensor's velocity. Where up-chirps and down-chirps do not
-            alternate, the velocities state this as their outcome.
+        with_velocities: whether each polar scan measures the sensor's velocity, or states why it has none.
 
     Returns:
         The results, one entry per polar scan; `velocities` is None unless they are asked for.

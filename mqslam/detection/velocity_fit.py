@@ -49,12 +49,10 @@ _CONTRAST = 2.0
 _BACKGROUND_M = 0.5
 
 # A velocity's sum of correlations must exceed the median sum of all tried velocities by this many spreads of these sums
-# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities exceeds the
-# median by four spreads.
+# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands exceeds it by four.
 _CLEAR = 8.0
 # Prior standard deviation of the acceleration during a revolution of the radar, along each axis [m/s^2]. A vehicle seldom
-# brakes harder than this. If acceleration were not fitted, 1 m/s^2 would shift the velocity that is measured in a quarter of
-# a second by 0.02 m/s.
+# brakes harder than this. If acceleration were not fitted, 1 m/s^2 would shift a velocity by 0.02 m/s.
 _ACCELERATION = 3.0
 # Number of sectors of the jackknife. Sectors are wider than the beam, so that the errors of different sectors are
 # independent.
@@ -277,8 +275,7 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
     """Fits the velocity at time `middle` [s] and the acceleration to all shifts, from a first velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
-    different times. The result is no velocity but the reason if too few azimuths have a peak near the expected shift, or if
-    one sector of azimuths alone determines the fit.
+    different times. There is no velocity if too few azimuths have a peak, or if one sector alone determines the fit.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
     jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
@@ -300,7 +297,7 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 
     Args:
         jacobian: (K, 4) derivatives of the radial speeds by the state: vx, vy [m/s], and accelerations ax, ay [m/s^2].
-        shifts: the radial speeds and their weights.
+        shifts: the radial speeds.
         state: (4,) state from which the fit starts.
         prior: (4, 4) information matrix of a prior on the state, whose mean is zero.
 
@@ -323,9 +320,9 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
     """Returns the covariance (4, 4) of a fitted state by a jackknife over sectors; None if one sector alone determines it.
 
-    A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
-    Where the loss is not convex at the state, with all azimuths or without a sector, there is no such step: None. The
-    arguments are those of `_fit_robustly`, with its results in `state` and `width`.
+    A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector;
+    if the loss is not convex there, the rest does not determine the state. The arguments are those of `_fit_robustly`, with
+    its results in `state` and `width`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2

@@ -44,7 +44,7 @@ _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer decimals than this
 _LEAST_MAXIMUM_M = 1.0  # no lidar has a smaller maximum range
 _HALF_TURNS = {180, 181, 360, 361}  # numbers of readings in a scan of SICK's lidars, which see 180 degrees
 _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
-_LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; a smaller number may be in radians
+_LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; smaller numbers may be in radians
 _FEW = 90  # no known lidar has fewer readings: over 180 degrees, readings would lie more than two degrees apart
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
@@ -183,7 +183,7 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
 
     Args:
         ranges: (K,) all ranges below the lidar's maximum [m].
-        readings: number of all readings of the log, also of those without such a range.
+        readings: number of all readings, with and without such a range.
         parameters: parameters of the log.
     """
     longest = float(ranges.max(initial=0.0))

@@ -68,8 +68,8 @@ def read_lidar(path: Path) -> LidarRecording:
     lidar that is mounted upside down are mirrored.
 
     Raises:
-        DataError: the bag cannot be read, has no topic of scans, or has several and not exactly one of them is named `scan`;
-            there are fewer than two scans whose stamps increase, or no scan has a return.
+        DataError: the bag cannot be read, has no single topic of scans (see `_choose_topic`), has fewer than two scans whose
+            stamps increase, or no scan has a return.
     """
     with bags.open_bag(path) as reader:
         topic = _choose_topic(path, reader)

@@ -9,8 +9,8 @@ inertia: the duration of a turn changes little from one turn to the next. The st
 
 where s_k is the true end or start of the turn, the jitter is white with variance r, and the changes are white with variance
 q. Both variances are estimated from the stamps themselves (restricted maximum likelihood), and the most probable s_k replace
-the a_k. This is the smoother of Whittaker and Henderson, which for this model equals the smoother of Rauch, Tung and
-Striebel. The covariance of the smoother gives the uncertainty of the s_k.
+the a_k. This is the smoother of Whittaker and Henderson (for this model equal to that of Rauch, Tung and Striebel), whose
+covariance gives the uncertainty of the s_k.
 
 Stamps that are out of order or far too late are ignored. A turn whose number is missing has no stamp, but keeps its place:
 the places of turns count from 0 and include missing turns. Three successive turns are tied if no gap and no change of the
@@ -31,7 +31,7 @@ from mqslam.formats.stamps import mark_increasing
 
 _LEAST_JITTER_S = 1e-4  # smaller jitter [s] is not corrected: at 30 m/s a vehicle drives 3 mm in this time
 # Smallest and largest of the ratios that are tried: variance of the jitter over variance of the changes of a turn's
-# duration. Each ratio is ten times the one before. The largest averages stamps over about a hundred turns.
+# duration. They grow by factors of ten. The largest averages stamps over about a hundred turns.
 _ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
 # Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
 # one is chosen. Three polar scans cannot tell jitter from changes of the turn rate.
@@ -74,7 +74,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
     Args:
         stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
-        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None means that none is missing.
+        numbers: (N,) increasing numbers that the recorder gave to polar scans; some may be missing. None: none is missing.
     """
     if len(stamps_us) < 2:
         return Arrivals(stamps_us)
@@ -139,7 +139,7 @@ def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDAr
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Returns a mask (N,) of the stamps [us] that increase and are not too late, given the places (N,) of their turns.
 
-    A stamp is too late if a later stamp follows sooner than the fastest plausible rate of the radar allows.
+    A stamp is too late if a later one follows sooner than the fastest plausible rate of the radar allows.
     """
     from scipy.ndimage import minimum_filter1d
 
@@ -203,8 +203,8 @@ def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tu
 def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Returns a mask (N - 2,) of the polar scans that are tied to the next two: without a break, and at the same rate.
 
-    A break is a step after which all stamps are later or earlier than expected, because of a gap or a clock that jumps. A
-    single late polar scan is no break, since the next polar scans are on time again.
+    A break is a step after which all stamps are later or earlier than expected, because of a gap or a clock that jumps. One
+    late polar scan is no break.
 
     Args:
         stamps_us: (N,) stamps of the polar scans [us], at least three.

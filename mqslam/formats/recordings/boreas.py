@@ -5,9 +5,9 @@ in the middle of the revolution, at row floor(A / 2) - 1 of A. Range bin b begin
 Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` transforms points from frame b to frame a. The
 Applanix frame is x right, y forward, z up; the radar's frame is x forward, y right, z down.
 
-Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution from
-which the ground truth was also made; for Boreas-RT, the authors advise against this file for the same reason. So
-applanix/imu.csv is read only if a user names it. Odometry is made from a gyroscope and the wheel encoder of Boreas-RT.
+Readings of other sensors lie in `applanix/` and `imu/`. applanix/imu.csv is read only if a user names it: it holds the
+post-processed solution from which the ground truth was also made (for Boreas-RT, the authors advise against it, too).
+Odometry is made from a gyroscope and the wheel encoder of Boreas-RT.
 
 Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and its issue 44.
 """

@@ -71,7 +71,7 @@ class ColumnImageRecording(Recording):
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other.
+        """Reads the polar scans start <= k < stop.
 
         If the recorder lost azimuths, columns are moved to the azimuths that they show, and lost azimuths are marked as not
         measured.
@@ -110,7 +110,7 @@ def open_columns(
         format: name of its layout.
         images: the images.
         named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
-        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None if none is missing.
+        numbers: (N,) increasing numbers that the recorder gave to polar scans; some may be missing. None: none is missing.
         usual_resolution: (1) the length of a range bin [m], unless `sensing` states another one; (2) the name of the radar
             that has such bins, for a note.
         sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
@@ -190,7 +190,7 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
     """Describes why polar images cannot hold polar scan k; returns "" if they can.
 
     Args:
-        k: number of the polar scan.
+        k: index of the polar scan.
         polar_scan: polar scan k.
         shape: number of azimuths and number of range bins of the first polar scan.
         off: largest angle [rad] between an azimuth and the even step at which readers will place it.

@@ -136,7 +136,7 @@ class WatchedRecording(Recording):
     down: list[int]
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, and reports each."""
         for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
             self.unmeasured[0] += int(np.count_nonzero(~polar_scan.valid))
             self.down[0] += 0 if polar_scan.down is None else len(polar_scan.down.times)

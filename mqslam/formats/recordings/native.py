@@ -75,7 +75,7 @@ class NativeRecording(Recording):
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop."""
         with _open_archive(self.path) as archive:
             for k in range(len(self))[start:stop]:
                 yield _read_polar_scan(archive, k, float(self.start_times[k]))

@@ -124,8 +124,8 @@ def _read_messages(root: Path) -> SensorTable | None:
     """Reads the messages of GPS and IMU in the folder of a recording.
 
     Returns:
-        One row (6,) per message: latitude, longitude [degrees], standard deviation [m] and the turn rates about x forward, y
-        right, z down [rad/s]; a damaged message gives a row of NaN. None if the recording has no folder of messages.
+        One row (6,) per stamp: latitude, longitude [degrees], standard deviation [m] and the turn rates about x forward, y
+        right, z down [rad/s]; NaN if its message is damaged. None if the recording has no folder of messages.
     """
     folder = root / _NAME
     if not folder.is_dir():

@@ -67,7 +67,7 @@ class RosbagRecording(Recording):
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop."""
         wanted = range(len(self))[start:stop]
         if not wanted:
             return
@@ -111,7 +111,7 @@ recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of other sensors stay in memory.
+    """Indexes a bag in one pass over its messages; only stamps, poses and readings of other sensors stay in memory.
 
     Raises:
         OfLidarError: the bag holds scans of a lidar and no topic of a radar.
@@ -230,8 +230,8 @@ class Frames:
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
         """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this.
 
-        Otherwise the poses are returned unchanged. If no transform places the frame on the vehicle, they are taken as poses
-        of the radar; if only the radar's mount is not known, they are still poses of the frame.
+        Otherwise the poses are unchanged: taken as poses of the radar if no transform places their frame, and still those of
+        their frame if only the radar's mount is not known.
         """
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
@@ -308,10 +308,8 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
     """Chooses the topics of odometry and of ground truth: by the user, else by type and name; None if there is none.
 
-    Of several, the first whose name contains `odom`, else the first, is the odometry; the first is the ground truth.
-
-    Raises:
-        DataError: a topic that the user names does not exist or holds no poses.
+    Of several, the first is chosen; for odometry, the first whose name contains `odom`. Raises a DataError if a topic that
+    the user names holds no poses.
     """
     typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
     chosen = (named.odometry, named.truth)

@@ -1,7 +1,4 @@
-"""Reads folders of images of Oxford rows, one image per polar scan: Oxford, Boreas, and one form of MulRan.
-
-An Oxford row is a row of an image that holds the time, the angle and the power of one azimuth (see `azimuths`).
-"""
+"""Reads folders of images of Oxford rows (see `azimuths`), one per polar scan: Oxford, Boreas, and one form of MulRan."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ _FEWEST_ROWS = 0.1
 # because few azimuths of a recording are not measured.
 _VALIDITY_SHARE = 0.75
 # Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
-# the rows. If it is 255 in fewer rows, it states nothing about single azimuths.
+# the rows. If it is 255 in fewer rows, it states nothing about single azimuths: Boreas leaves it unused.
 _CHIRP_SHARE = 0.25
 _MOST_STAMP_ERROR_US = 1_000_000  # an image is damaged if the stamp in its name lies further than this outside its turn
 _REMEDY = "copy the file again, or leave it out of the recording"
@@ -115,7 +112,7 @@ class RowImageRecording(Recording):
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop."""
         for name in self.names[start:stop].tolist():
             (azimuths, power), down = self.folder.read(name)
             falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
@@ -200,11 +197,9 @@ def open_rows(
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """Finds the meaning of byte 10 in the first image (A, 11 + B) of a recording.
+    """Finds the meaning of byte 10 in the first image (A, 11 + B) of a recording, by the share of rows where it is 255.
 
-    Where the byte states validity, few rows are marked as not measured. Boreas leaves the byte unused. In Boreas-RT the byte
-    is the direction of the chirp, which alternates from row to row. Also returns a note for the user unless the byte states
-    validity.
+    Also returns a note for the user unless the byte states validity.
     """
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:
