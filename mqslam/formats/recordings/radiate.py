@@ -32,7 +32,7 @@ from mqslam.formats.text import read_lines
 _NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # indices of lines: position, two rows of its covariance, turn rates
 _MOST_BYTES = 10_000  # largest size of a message; most have about 500
-_DOWN = (1.0, -1.0, -1.0)  # factors from x forward, y right, z down to x forward, y left, z up
+_DOWN = (1.0, -1.0, -1.0)  # signs that turn x forward, y right, z down into x forward, y left, z up
 _DIGITS = 6  # least number of digits of a frame's number, in the list of stamps and in the name of the frame's file
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _LINE = "'Frame: 000001 Time: 1574859771.744660272'"

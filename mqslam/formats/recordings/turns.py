@@ -15,8 +15,7 @@ from mqslam.core.statistics import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
 USUAL_TURN_US = 250_000  # duration of a turn [us] that is assumed where a recording shows none
-# Number of successive steps whose median is the usual duration of a turn. A recording with fewer steps has too few for a
-# median: its turns are measured one by one.
+# Number of successive steps whose median is the usual duration of a turn. With fewer steps, turns are measured one by one.
 TURNS_AROUND = 9
 LONGEST_STEP = 1.5  # a step longer than this many usual turns is a gap: at least half a turn is missing
 ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
