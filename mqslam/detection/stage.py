@@ -48,7 +48,7 @@ def detect_stretch(
         with_velocities: whether each polar scan measures the sensor's velocity, or states why it has none.
 
     Returns:
-        The results, one entry per polar scan; `velocities` is None unless they are asked for.
+        The returns of each polar scan, and the other results; `velocities` is None unless asked for.
 
     Raises:
         DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine.

@@ -320,9 +320,9 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
     """Returns the covariance (4, 4) of a fitted state by a jackknife over sectors; None if one sector alone determines it.
 
-    A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector;
-    if the loss is not convex there, the rest does not determine the state. The arguments are those of `_fit_robustly`, with
-    its results in `state` and `width`.
+    A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
+    If the loss without a sector is not convex, the other sectors do not determine the state. The arguments are those of
+    `_fit_robustly`, with its results in `state` and `width`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -354,7 +354,7 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Scales the weights (K,) of shifts to information [s^2/m^2], whose mean, weighted by itself, is 1 / spread^2.
+    """Scales weights (K,) of shifts to information [s^2/m^2], whose mean by these weights is 1 / spread^2.
 
     Args:
         weights: (K,) relative weights, in any unit.

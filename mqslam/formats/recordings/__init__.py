@@ -107,7 +107,7 @@ def _load(format: str) -> Layout:
 def _find_root(path: Path) -> Path:
     """Returns the folder within which a recording's files may lie: the path, or the first folder above it with another name.
 
-    Names in `_IMAGE_FOLDERS` are those of folders inside a recording, whose other files lie beside them.
+    Folders named as in `_IMAGE_FOLDERS` lie inside a recording, whose other files lie beside them.
     """
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:

@@ -230,8 +230,8 @@ class Frames:
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
         """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this.
 
-        Otherwise the poses are unchanged: taken as poses of the radar if no transform places their frame, and still those of
-        their frame if only the radar's mount is not known.
+        Otherwise the poses are unchanged. If no transform places their frame, they are taken as poses of the radar. If only
+        the mount is not known, they are poses of their frame.
         """
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
