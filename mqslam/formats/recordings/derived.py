@@ -57,7 +57,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
     Args:
         recording: the recording.
         start_s: beginning of the span [s] since the recording's start; None takes the recording's start.
-        end_s: end of the span [s], at which no scan may begin any more; None takes the recording's end.
+        end_s: end of the span [s], which is not part of it; None takes the recording's end.
 
     Raises:
         ConfigError: a time is no number, the span ends before it begins, or it holds no scan (or only one of a lidar).

@@ -169,7 +169,7 @@ class RadarTopic:
     def find_turn(self, message: Any) -> int:
         """Returns the usual number of encoder ticks per turn: 5600, or for a b-scan the number that fits its encoder values.
 
-        This is the smallest usual number that is not below any encoder value; if there is none, the largest usual number.
+        This is the smallest usual number that is not below any encoder value; if there is none, the largest.
         """
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
