@@ -51,12 +51,16 @@ _APART_FAIL = 0.5
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool = False) -> list[Finding]:
-    """Judges a map by its windows; returns a finding on torn windows, and findings on windows whose scans do not overlap.
+    """Judges a map by its windows.
 
     Args:
         windows: the windows that were judged, decided or not.
         scans: number of scans of the map.
         is_of_run: whether a run made the trajectory, so that the trajectory surely belongs to this recording.
+
+    Returns:
+        a finding on the share of torn windows, `not judged` without any window; also a `warn` if in too many windows almost
+        no point is seen twice even in the best map, and a `fail` if in most windows almost none is under the given poses.
     """
     if not windows:
         reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"
@@ -97,7 +101,9 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool
 def judge_steps(
     steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig
 ) -> Finding:
-    """Judges a map by its steps: whether the trajectory jumps, or whether a few scans alone are displaced.
+    """Judges a map by its steps: `warn` if the trajectory jumps or a few scans alone are displaced.
+
+    The verdict is `fail` if the largest jump moves points by more than `settings.torn_m`.
 
     Args:
         steps: all steps that were registered.
@@ -151,25 +157,25 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off, by more than chance and by twice the tolerance of a jump."""
+    """Returns whether only a few scans at a step are off, by more than chance explains, `doubt_m` and 2 `jump_m`."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether the two sides of a step fit at one offset only, and better there by more than chance explains."""
+    """Returns whether a step is off by more than chance explains, and fits better and only with the offset corrected."""
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
     )
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
-    """Returns the steps at which a map jumps, one per jump: the step whose two sides fit best with the offset corrected.
+    """Returns the steps at which a map jumps. Of steps that share scans, the one that fits best once corrected is returned.
 
-    At a jump, the two sides of the step fit better with the offset corrected than by the trajectory, and fit nowhere else
-    about as well. Scans with few points in common, such as those of a lidar that turns on the spot, fit at many places. A
-    jump below `settings.torn_m` must also last: otherwise only a few scans are displaced. Where the poses are too sparse for
-    the vehicle's turns, a jump of any size must last.
+    At a jump, (1) the offset is larger than chance explains and larger than `settings.jump_m`, (2) the two sides fit better
+    with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as those of
+    a lidar that turns on the spot, fit at many places. A jump below `settings.torn_m` must also last: otherwise only a few
+    scans are displaced. Where poses are too sparse for the turns, any jump must last and exceed `doubt_m`.
 
     Args:
         steps: the steps in the order of time.
@@ -250,7 +256,7 @@ def judge_pooled(
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
-    """Returns the lever arm that turns of the vehicle show; None if it is unknown, tolerated or explained by chance."""
+    """Returns the lever arm of the sensor; None if it is unknown, or on both axes tolerated or explained by chance."""
     lever = pooled.lever
     if lever is None:
         return None
@@ -325,10 +331,10 @@ _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
 def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Judges a map by its spans; the verdict is `fail` if the share of torn spans is above `WINDOWS_FAIL`.
+    """Judges a map by its spans: `warn` if any span is torn, `fail` if their share is surely above `WINDOWS_FAIL`.
 
     Args:
-        spans: spans of the map.
+        spans: spans of the map; those without a p-value are left out.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
     """
@@ -371,7 +377,7 @@ def _describe_span(span: SpanAudit) -> str:
 
 
 def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Judges a map by sums of spans; the verdict is `fail` if the bent share of the path is above `WINDOWS_FAIL`.
+    """Judges a map by sums of spans: `warn` if any is a bend, `fail` if the bent share of the path is above `WINDOWS_FAIL`.
 
     Args:
         sums: sums of successive spans.
@@ -414,7 +420,7 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
-    """Returns the finding that drift and revisits of a cloud without a trajectory cannot be judged, even if it is crisp."""
+    """Returns `not judged` for a cloud without a trajectory, even if it is crisp: drift and revisits do not show."""
     reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
     torn = share_torn(windows)
     if torn.total and not torn.count:
@@ -426,6 +432,8 @@ def judge_revisits(
     revisits: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig, path_m: float | None = None
 ) -> Finding:
     """Judges a map by its revisits. A map without sure revisits passes, since many drives come back to no place.
+
+    Torn revisits give `warn` or `fail`; a series of revisits that agree on an offset, or many excused ones, only `warn`.
 
     Args:
         revisits: revisits of the map in the order of time.
@@ -477,10 +485,10 @@ def judge_revisits(
 
 
 def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest row of successive revisits that agree on an offset; an empty list if no revisits agree.
+    """Returns the longest series of successive revisits that agree on an offset; an empty list if no revisits agree.
 
     `_ROW` successive revisits agree if each is off by more than chance explains, and the mean of their offsets is larger
-    than is tolerated. The offset may change slowly along a longer row.
+    than is tolerated. The offset may change slowly along a longer series.
     """
     rare = [bool(one.p_value < share_of_false_alarms(limits)) for one in sure]
     agree = [

@@ -43,7 +43,7 @@ _PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than t
 
 
 def judge_frame(sweeps: Sweeps) -> Finding:
-    """Judges whether the points of a finished cloud lie around the poses from which they were seen.
+    """Judges whether the points of a finished cloud lie around the poses from which they were seen; `fail` if not.
 
     Args:
         sweeps: points of a finished cloud and its trajectory.
@@ -106,7 +106,7 @@ class Reading(NamedTuple):
     Args:
         name: what is wrong with the trajectory if the map is whole under this reading.
         remedy: how to correct the trajectory.
-        signs: factors on x, y and yaw that convert the poses to this reading.
+        signs: multipliers of x, y and yaw (1 or -1) that convert the poses to this reading.
     """
 
     name: str
@@ -137,11 +137,11 @@ def judge_readings(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> Finding:
-    """Judges whether torn windows of a map are whole under another reading of its trajectory, or its headings are missing.
+    """Judges whether a map is torn because its trajectory is mirrored, counts yaw the other way or has no headings.
 
     Args:
         sweeps: points under the trajectory to judge.
-        windows: windows of the map.
+        windows: windows of the map, which passes if fewer than `_LEAST_TORN` are torn.
         place: returns the points of the map under other poses (M, 3) of the track.
         settings: settings of the audit.
         estimator: settings of the score.
@@ -175,7 +175,7 @@ def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
 
 
 def _is_whole(shared: Shared, given: WindowAudit) -> bool:
-    """Returns whether a window is not torn, is crisper than the given window, and its two middle scans confirm its speed."""
+    """Returns whether a `given` window, under the poses of `shared`, is not torn, is crisper, and has a confirmed speed."""
     sweeps, _, estimator = shared
     window = audit_window(shared, given.begin)
     if window.torn or window.bend.psi >= given.bend.psi:

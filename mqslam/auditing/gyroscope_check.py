@@ -122,8 +122,9 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
 
 
 def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the stamps (K,) [us] between which turns are compared: of the scans, or of the poses if these are sparser.
+    """Returns the stamps (K,) [us] between which turns are compared, in the time that scans and poses share.
 
+    They are those of the scans `scans_us`, or of the poses `poses_us` [us] if there are fewer than `_SPARSE` poses per scan.
     Between sparse poses a trajectory is interpolated, so the turns of the sensor there are not known.
     """
     first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
@@ -147,9 +148,9 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
 
 
 def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> list[str]:
-    """Returns in words where a trajectory turns differently from the gyroscope for a few steps; an empty list if nowhere.
+    """Returns in words where, for a few steps, a trajectory turns most differently from the gyroscope; [] if nowhere.
 
-    A single step, or several steps in a row, may differ although most steps agree.
+    A single step, or several successive steps, may differ although most steps agree.
 
     Args:
         times: (N + 1,) times between which the turns are compared [s].

@@ -98,12 +98,12 @@ class Audit:
     own: Sequence[MapTest] = ()
 
     def compute_psi_over_best(self) -> float | None:
-        """Returns psi of the decided windows divided by the lowest psi of the same returns; None without such a window."""
+        """Returns psi summed over decided windows, divided by the sum of their lowest psi (at least 1); None without any."""
         decided = [window.bend for window in self.windows if window.undecided is None]
         return _divide(sum(bend.psi for bend in decided), sum(bend.psi_best for bend in decided))
 
     def compute_psi_over_best_of_passes(self) -> float | None:
-        """Returns psi across passes divided by the lowest psi of the same returns; None without a sure revisit."""
+        """Returns psi summed over sure revisits, divided by the sum of their lowest psi (at least 1); None without any."""
         sure = [one for one in self.revisits if one.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 
@@ -112,7 +112,7 @@ class Known(NamedTuple):
     """What is known about a trajectory besides its poses.
 
     Args:
-        stated: covariances of one pose relative to another that the trajectory itself states, by the numbers of their
+        stated: covariances of one pose relative to another that the trajectory itself states, by the numbers of the two
             sweeps; None if it states none.
         place: returns the points under other poses, to test whether the trajectory is mirrored; None omits this test.
         sensors: findings of other sensors about the trajectory.
@@ -157,6 +157,9 @@ def audit(
         progress: called as parts of the map are done.
         sampled: largest number of windows to judge, evenly spread; None judges all windows.
         known: what is known about the trajectory besides its poses.
+
+    Raises:
+        ConfigError: a test that the user added stops with an error, or does not return findings.
     """
     settings = apply_tolerance(settings, limits)
     shared = sweeps, settings, estimator
@@ -238,7 +241,7 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that proven errors of `pooled` explain, or zeros."""
+    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that proven errors of `pooled` explain; 0 if it is None."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
@@ -282,8 +285,9 @@ def _decide(
 ) -> list[WindowAudit]:
     """Returns the windows with their speed checks, each marked as torn, whole or undecided.
 
-    A window is undecided if most of its scans lie in a gap of the trajectory. Any other window is torn if the scans
-    contradict its speed, whatever its inflation, and else undecided if almost no point is seen twice.
+    The first rule that holds decides. (1) Most scans lie in a gap of the trajectory: undecided. (2) The scans contradict the
+    speed: torn, whatever the inflation. (3) Almost no point is seen twice, even in the best map: undecided. (4) Otherwise:
+    as the inflation shows.
     """
     decided = []
     for window, speed in zip(windows, speeds, strict=True):

@@ -29,7 +29,9 @@ _SAME_UNIT: Final = 0.1  # a ratio within this share of a unit shows it: the sca
 
 
 def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, stated: OdometryConfig) -> list[Finding]:
-    """Compares odometry with a trajectory; returns one finding per contradiction, or one finding that there is none.
+    """Compares odometry with a trajectory; returns a `warn` per contradiction, or one finding that passes if there is none.
+
+    If odometry covers too little of the trajectory, the only finding is one that could not judge.
 
     Args:
         odometry: poses of the sensor or of the vehicle, since only turns and speeds are compared.
@@ -69,7 +71,8 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
         given: odometry at the same stamps.
 
     Returns:
-        the ratio; None if both hardly move, or if one of the medians is zero.
+        the ratio over pairs of poses a second apart between which either moves; None for fewer than `_FEWEST` such pairs,
+            or if a median is zero.
     """
     ends = np.searchsorted(own.stamps_us, own.stamps_us + _SPAN_US)
     begins = np.flatnonzero(ends < len(own.stamps_us))

@@ -87,7 +87,7 @@ def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
-    """Returns the time [s] from the sweep `begin` to the next sweep."""
+    """Returns the time [s] from the sweep `begin` to the next: by their numbers or by their times, whichever is longer."""
     return max(
         float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
         float(sweeps.times[begin + 1] - sweeps.times[begin]),  # larger across a pause of the recording
@@ -95,7 +95,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns the reach in position [m] and yaw [rad] that covers all plausible errors of the speed over `span_s` [s]."""
+    """Returns the reach in position [m], at most `gate_m`, and yaw [rad] for plausible errors of speed over `span_s` [s]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
@@ -107,14 +107,14 @@ def fits_far_better(registration: Registration) -> bool:
 def is_of_beams(
     registration: Registration, stretches: tuple[Sequence[int], Sequence[int]], sweeps: Sweeps, estimator: EstimatorConfig
 ) -> bool:
-    """Returns whether only the pattern of a lidar's beams may fit better with the offset corrected; False for a radar.
+    """Returns whether a better fit with the offset corrected may come from the pattern of a lidar's beams alone.
 
     The beams of a lidar hit a bare wall at the same places of a scan wherever the lidar stands along the wall. Two scans of
     the wall therefore fit best as if the lidar had not moved. The middles between the points of neighbouring beams have no
-    such pattern: they fit better only if the surfaces fit better.
+    such pattern: they fit better only if the surfaces fit better. False for a radar.
 
     Args:
-        registration: registration of a later stretch on an earlier stretch.
+        registration: registration of the later stretch on the earlier stretch.
         stretches: numbers of the sweeps of the earlier stretch, and of the later stretch.
         sweeps: points under the trajectory to judge.
         estimator: settings of the score.

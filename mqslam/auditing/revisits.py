@@ -30,7 +30,7 @@ from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress, count_items
 from mqslam.psi.correlate import compute_same_m
 
-_LEAST: Final = 3  # by definition: fewest offsets of a row, since two offsets may agree by coincidence
+_LEAST: Final = 3  # by definition: fewest offsets of a series, since two offsets may agree by coincidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,23 +102,22 @@ def find_agreeing(
     same_m: float,
     probability: float,
 ) -> NDArray[np.bool_]:
-    """Finds rows of successive offsets that agree with each other more closely than chance explains.
+    """Finds series of successive offsets, each of which agrees with the next, that are too long to agree by chance.
 
-    Where the passes could also agree on another offset, as in streets that repeat, nothing shows which offset is right, and
-    the row ends.
+    A series ends where the passes could also agree on another offset, as in streets that repeat.
 
     Args:
         given: N offsets.
-        usable: (N,) which offsets are measured in every direction; any other offset ends a row.
+        usable: (N,) which offsets are measured in every direction; any other offset ends a series.
         rivals: for each offset, (R, 3) other offsets [m, m, rad] at which its passes fit about as well.
         searched_m: (N,) how far around the trajectory's own pose each offset was searched for [m].
-        most_m: longest path between two successive offsets of a row [m].
+        most_m: longest path between two successive offsets of a series [m].
         same_m: two offsets that are at most this far apart count as one [m].
-        probability: two offsets agree up to the chi-square quantile of this probability, and a row counts if the probability
-            that it agrees by chance is below 1 minus this probability.
+        probability: two offsets agree up to the chi-square quantile of this probability. A series counts if the probability
+            that it agrees by chance is below 1 minus this one.
 
     Returns:
-        (N,) which offsets belong to such a row.
+        (N,) which offsets belong to such a series.
     """
     found = np.zeros(len(given.offsets), dtype=np.bool_)
     limit = float(chi2.ppf(probability, 3))
@@ -145,7 +144,7 @@ def _chance_of_agreement(
     same_m: float,
     limit: float,
 ) -> float:
-    """Returns the probability that offsets k - 1 and k agree by chance; 0 if they do not agree, or not on one offset alone.
+    """Returns the probability that offsets k - 1 and k agree by chance; 0 if they do not agree, or on other offsets as well.
 
     The arguments are those of `find_agreeing`; `limit` is the largest squared Mahalanobis distance at which offsets agree.
     """
@@ -181,8 +180,8 @@ class RevisitAudit:
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier pass.
         psi, psi_best: score per point without and with the offset corrected.
-        sure: whether the two passes constrain every direction and fit nowhere else as well, or the revisit belongs to a row
-            of revisits that agree.
+        sure: whether the two passes constrain every direction and fit nowhere else as well, or the revisit belongs to a
+            series of revisits that agree (`find_agreeing`).
         torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
         p_value: probability that a good map has an offset this large at any revisit; NaN if the revisit is not sure, or if
             the map has too few revisits to show their usual error.
@@ -283,7 +282,7 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits; marks a revisit with a pass in a gap of the trajectory, where poses are guesses, as not sure.
+    """Returns the revisits; one with `earlier` or `later` in a gap, where poses are guesses, is neither sure nor torn.
 
     Args:
         revisits: revisits of a map.
@@ -309,7 +308,8 @@ def judge_registrations(
 
     The covariance from psi's curvature is too small by a factor that depends on the surroundings. The usual difference
     between neighbouring revisits shows this factor. A drift of the trajectory moves neighbouring revisits alike, so it does
-    not change the factor.
+    not change the factor. A revisit is torn beyond fixed limits (`is_torn`). But if the trajectory states covariances and
+    there is a p-value, it is torn if it is off by more than chance explains and by more than `settings.jump_m`.
     """
     if not registrations:
         return []
@@ -414,7 +414,7 @@ def _register_pair(shared: Shared, pair: tuple[int, int]) -> Registration | None
 
 
 def is_torn(revisit: RevisitAudit, settings: AuditConfig) -> bool:
-    """Returns whether a revisit is sure and its inflation and its offset are above fixed limits."""
+    """Returns whether a sure revisit's inflation, and its offset in position or in yaw, are above fixed limits."""
     beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)

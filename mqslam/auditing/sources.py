@@ -52,6 +52,8 @@ def read_stated_covariances(
 ) -> tuple[StatedCovariances | None, list[str]]:
     """Returns the covariances that a trajectory states for its poses, or None if it states none, and notes for the user.
 
+    There is a note only if a covariances.csv beside the trajectory cannot be read and is left out.
+
     Args:
         covariances: file of the covariances of the trajectory's poses; None looks for them in the trajectory's own file,
             and in the covariances.csv beside a run's trajectory.tum.
@@ -86,7 +88,7 @@ def fit_covariances(
 ) -> tuple[RelativeCovariances | None, list[str]]:
     """Returns for the pose of each sweep the stated covariance with the nearest stamp, and notes for the user.
 
-    The covariances are None if none are stated, or if they do not fit the sweeps and are not needed.
+    The covariances are None (1) if none are stated, or (2) with a note, if a sweep has none near and they are not needed.
 
     Args:
         stated: the covariances of the trajectory's poses, or None.
@@ -155,7 +157,7 @@ class Source:
 
 
 def is_cloud(path: Path) -> bool:
-    """Returns whether a path is a file with a finished cloud; an .npz file is a cloud unless it holds a radar's power."""
+    """Returns whether a path is a file with a finished cloud; an .npz file must be readable and hold no radar's power."""
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
@@ -204,6 +206,9 @@ def divide_cloud(
     beam: Beam,
 ) -> Sweeps:
     """Divides a finished cloud into sweeps; without a trajectory, a sweep's mean point stands for the sensor's position.
+
+    Points with the same stamp form a sweep. With fewer than `_FEW_STAMPS` points per stamp, a sweep lasts `cloud.scan_us`
+    instead, or `_CLOUD_SWEEP_S` if that is unknown.
 
     Args:
         cloud: points, and the times at which they were measured.

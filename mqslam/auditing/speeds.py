@@ -43,7 +43,7 @@ class CaptureRange:
 
     Args:
         window_m: largest correction that the search in a window surely finds [m].
-        speed_mps: this correction divided by the duration of a window [m/s].
+        speed_mps: largest error of the speed that a window can measure [m/s]: `window_m` divided by a window's duration.
         searched_mps: largest error of the speed that is searched for between successive scans [m/s].
     """
 
@@ -126,7 +126,7 @@ def check_speeds(
 def _find_wrong(
     gaps: Sequence[tuple[float, float]], track: Track, shared: Shared, engine: Engine, progress: Progress
 ) -> set[tuple[float, float]]:
-    """Returns the gaps (begin, end) [s] across which scans and trajectory disagree on the distance between the two ends."""
+    """Returns the gaps (begin, end) [s] between whose ends the scans show another distance than the trajectory."""
     sweeps, settings, estimator = shared
     inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
     pairs = sorted({begin for begins in inner.values() for begin in begins})
@@ -158,7 +158,7 @@ def _chain_across(
         gap: begin and end of the gap [s].
         times: (S,) times of the sweeps [s].
         twists: mean twist (3,) from each sweep of the gap to the next sweep [m/s, m/s, rad/s]; None where it is unknown.
-        longest_s: longest time over which unknown motions are interpolated [s]; None is returned if they last longer.
+        longest_s: longest time over which unknown motions are interpolated [s]; if they last longer, None is returned.
     """
     known = [k for k, twist in twists.items() if twist is not None]
     middles = (times[known] + times[[k + 1 for k in known]]) / 2.0

@@ -50,7 +50,8 @@ class StepAudit:
         p_value: probability that a map without a jump has a step this far off; NaN if the scans do not constrain every
             direction, or if the map has too few steps to show their usual offset.
         lasts: whether the scans farther from the step also fit better with the offset of the step corrected. If not, only a
-            few scans are off and the map does not jump. False, too, if only the pattern of a lidar's beams fits better.
+            few scans are off and the map does not jump. False, too, if only the pattern of a lidar's beams fits better. True
+            without a check if the offset is tolerated or explained by chance.
     """
 
     registration: Registration
@@ -67,7 +68,9 @@ class StepAudit:
 def audit_steps(
     shared: Shared, known: NDArray[np.bool_], chance: float, engine: Engine, progress: Progress
 ) -> list[StepAudit]:
-    """Judges the steps of a map in the order of time; steps with too few points on either side are left out.
+    """Judges every `_EVERY`-th step of a map outside gaps, and steps beside doubtful ones; returns them in order of time.
+
+    Doubtful steps match poorly, may fit elsewhere or are off. Steps with too few points on either side are left out.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
@@ -102,7 +105,7 @@ def audit_steps(
 def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
     """Returns whether the scans farther from a step show its offset, too (see `StepAudit`).
 
-    True if the offset is tolerated or explained by chance, or if these scans hold too few points.
+    True, too, if these scans hold too few points.
 
     Args:
         step: registration of the two sides of the step.

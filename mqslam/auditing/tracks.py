@@ -206,8 +206,8 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
     """Finds the steps of a trajectory that no vehicle can make and that stand out from its other steps.
 
     A step is compared with the median motion of the two steps before it and the two after it. It is a jump if the
-    difference exceeds the tolerance of a torn revisit, takes a larger acceleration than a vehicle can have, and stands out
-    from the differences of all steps, since the whole trajectory may be noisy.
+    difference, in position or in yaw, (1) exceeds the tolerance of a torn revisit, (2) takes a larger acceleration than a
+    vehicle can have, and (3) stands out from the differences of all steps, since the whole trajectory may be noisy.
 
     Args:
         track: the trajectory.
@@ -238,7 +238,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which of the sizes (N,) stand out: all above the first wide gap among the largest tenth, if any."""
+    """Returns which sizes (N,) stand out: in the sorted largest tenth, all after the first rise by `_JUMP_FACTOR`."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])

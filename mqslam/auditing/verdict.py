@@ -73,7 +73,7 @@ class Share:
         return self.upper_bound(_POWER) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float) -> VerdictStatus:
-        """Returns the verdict for the limits `warn` and `fail`; `not judged` if the share may be above or below `fail`."""
+        """Returns `fail` or `warn` if surely above that limit, else `pass` if surely at most `fail`, else `not judged`."""
         if self.is_above(fail):
             return VerdictStatus.FAIL
         if self.is_above(warn):
@@ -139,8 +139,9 @@ class Verdict(NamedTuple):
     Args:
         status: the gravest verdict of all findings.
         diagnosis: what is most likely wrong and how to correct it; for a map that passes, how many tests found no fault.
-        reasons: the reasons of the findings, the gravest first; for a map that does not pass, without the reasons of
-            findings that pass.
+        reasons: the reasons of the findings that could judge something, the gravest first. If the map does not pass,
+            findings that pass are left out, and also findings on stamps, mount or scale if the map fails for a cause that
+            comes before these in `Cause`.
     """
 
     status: VerdictStatus

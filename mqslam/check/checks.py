@@ -101,7 +101,7 @@ class CheckFinding:
         name: what was checked.
         verdict: whether the recording agrees with the assumption under which it was read.
         text: the reason for the verdict, and what the user can do.
-        numbers: the values that the verdict rests on, by name; units other than shares are part of the name.
+        numbers: the values that the verdict rests on, by name. Names end with the unit, but `doppler_...` are [s].
     """
 
     name: str
@@ -160,7 +160,8 @@ def check_recording(
         settings: all settings.
         beam: the sensor's errors.
         notes: what a user should know about how the recording was understood.
-        progress: called with the number of polar scans that were read, and the number of polar scans to read.
+        progress: called with the number of polar scans that were read, and the number of polar scans to read; anew for the
+            check of the ranges, which reads stretches of its own.
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)
@@ -221,7 +222,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether polar scans follow each other in time, and whether any is repeated, missing, unreadable or too short.
+    """Checks the times of polar scans, and whether any is missing, repeated or unreadable; states faults of the recording.
 
     Args:
         recording: the recording.

@@ -122,7 +122,8 @@ def read_stretches(
 def choose_spans(recording: Recording, odometry: Trajectory | None, count: int | None = None) -> list[tuple[int, int]]:
     """Chooses stretches without gaps that do not overlap, as (first polar scan, last polar scan + 1), for `read_stretches`.
 
-    If gaps leave no stretch of the usual length, all stretches are as long as the longest stretch without a gap.
+    The arguments are those of `read_stretches`. If gaps leave no stretch of the usual length, all stretches are as long as
+    the longest stretch without a gap.
     """
     count = STRETCHES if count is None else count
     gap_after = np.zeros(len(recording), dtype=np.int64)
@@ -188,8 +189,9 @@ class FollowedStretches:
     """The results of tracking the stretches of a recording by psi.
 
     Args:
-        steps: motions that psi found.
-        psi: (R,) psi per point of each of R scans; NaN for a scan without points.
+        steps: motions from scan to scan where psi converged at both, with azimuths in the stored order.
+        psi: (R,) psi per point of R scans, which are all but the first `START_SCANS - 1` of each stretch that could be
+            tracked; NaN for a scan without points.
         psi_backward: (R,) psi per point of the same scans if the azimuths of all scans are in the opposite order.
         shortage: why there are too few values to decide a check, as a text for the user.
     """
@@ -202,6 +204,8 @@ class FollowedStretches:
 
 def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config, beam: Beam) -> FollowedStretches:
     """Tracks stretches by psi, with the azimuths of their scans in the stored order and in the opposite order.
+
+    Stretches that are too short or cannot be tracked are left out.
 
     Args:
         recording: the recording.
@@ -240,7 +244,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
 
 
 def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
-    """Tracks successive scans by psi, in the frame of the first scan.
+    """Tracks successive scans by psi, in the frame of the first scan; returns one result per scan.
 
     Args:
         scans: at least `START_SCANS` successive scans.

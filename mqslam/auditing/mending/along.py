@@ -32,7 +32,7 @@ from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
 _CHANCE: Final = 1e-3  # beside a step with a smaller p-value than this, the places between steps are registered, too
-_DENSER: Final = 3  # factor on the number of spans in an audit: more spans make the correction more accurate
+_DENSER: Final = 3  # multiplies the number of spans of an audit: more spans make the correction more accurate
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:

@@ -103,7 +103,7 @@ def allow_for_turns(
 def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]) -> dict[int, Tie]:
     """Returns psi's motions across steps, from the middle scan before each step to the middle scan after the step.
 
-    Steps whose two sides may also fit elsewhere, and steps with a jump within one side, are left out.
+    Left out are steps without a p-value, steps whose two sides may also fit elsewhere, and steps with a jump in one side.
 
     Args:
         steps: judged places between successive scans.

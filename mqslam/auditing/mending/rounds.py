@@ -122,7 +122,8 @@ def mend(
         progress: called as scans are registered.
 
     Returns:
-        The best result of all rounds; the pose of the first scan stays as it was given.
+        The best result of all rounds by `rank`, even if the given one is better; the pose of the first scan stays as given.
+        Without any round if the given trajectory passes or shows nothing to mend.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -210,7 +211,7 @@ class _Mender:
         return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
-        """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the numbers of ties and loops."""
+        """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the counts of ties and loops."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.registration.later for step in audit.jumps}
         across = tie_steps(audit.steps, sweeps, jumps)

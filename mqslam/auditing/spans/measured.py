@@ -40,14 +40,17 @@ _SWEEPS: Final = 500  # number of sweeps whose ranges are computed at a time, to
 def register_spans(
     shared: Shared, known: NDArray[np.bool_], engine: Engine, progress: Progress, denser: float = 1.0
 ) -> list[Registration]:
-    """Registers the spans of a map; leaves out spans that do not constrain every direction or whose ends are close together.
+    """Registers the spans of a map; returns [] if half of the points are nearer than `_SPAN_LEAST_M`.
+
+    Left out are spans that do not constrain every direction, have too few points, begin or end in a gap, or end close to
+    their begin.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
         known: (S,) which sweeps lie in no gap of the trajectory.
         engine: where spans are registered; the result does not depend on it.
         progress: called as spans are done.
-        denser: factor on the usual number of spans.
+        denser: multiplies the usual number of spans.
     """
     sweeps = shared[0]
     span_m = fit_to_reach(sweeps)
@@ -84,7 +87,7 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
     Args:
         travelled: (N,) length of the path up to each sweep [m].
         span_m: length of a span [m].
-        denser: factor on the usual number of spans.
+        denser: multiplies the usual number of spans.
     """
     half = STEP_SCANS // 2
     last = len(travelled) - 1 - half

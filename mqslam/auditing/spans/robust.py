@@ -61,7 +61,7 @@ def fit_by_jackknife(
 
     Args:
         fit: returns the parameters (Q,) that fit two arrays best.
-        given: the two arrays, such as lengths and offsets, with a row for each of N places.
+        given: the two arrays, such as lengths and offsets; their first axis runs over N places.
         parts: indices of the places of each part.
         common: standard deviation of the parameters due to an error that all places have in common; the fits without single
             parts do not show this error.

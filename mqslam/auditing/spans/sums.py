@@ -34,7 +34,8 @@ class SumAudit:
         earlier, later: numbers of the sweeps at which the first span begins and the last span ends.
         t0, t1: times of these sweeps [s] since the recording's start.
         path_m: length of the path from the begin of the first span to the end of the last span [m].
-        offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad].
+        offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad],
+            without the part that the corrections of the whole map explain.
         covariance: (3, 3) covariance of the offset, with the drift of psi itself.
         p_value: probability that a good map has a sum this far off anywhere.
         torn: whether the end is off by more than chance explains and by more than is tolerated.
@@ -92,10 +93,7 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
 
 
 def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
-    """Returns the bends in the order of time: sums of spans that are off by more than chance explains and is tolerated.
-
-    Of sums that cover the same time, only the sum with the smallest p-value is returned.
-    """
+    """Returns the bends in the order of time: torn sums; if some overlap, the one with the smallest p-value."""
     bends: list[SumAudit] = []
     for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):
@@ -104,7 +102,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns chains of successive spans: one for each first span and each of `LENGTHS_M` that is reached without a gap."""
+    """Returns chains of successive spans: for each first span, one per length in `LENGTHS_M` that is reached."""
     begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
@@ -112,7 +110,7 @@ def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> 
 def _follow(
     first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
 ) -> Iterator[list[SpanAudit]]:
-    """Yields the chains of successive spans that begin with `first`, for each of `LENGTHS_M` until a gap follows.
+    """Yields the chains of successive spans that begin with `first`, for each of `LENGTHS_M`, until no span follows closely.
 
     Args:
         first: first span of the chains.

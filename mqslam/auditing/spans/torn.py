@@ -47,7 +47,8 @@ class SpanAudit:
         covariance: (3, 3) covariance of the offset by the measurement, without the drift of psi itself.
         p_value: probability that a good map has a span this far off anywhere, alone or together with the next span; NaN if
             the map has too few spans to judge.
-        torn: whether the span is off by more than chance explains and by more than is tolerated.
+        torn: whether the span is off by more than is tolerated, and by more than chance explains: alone, or as one of more
+            unusual spans than a good map has.
     """
 
     registration: Registration
@@ -70,7 +71,7 @@ class SpanAudit:
 
     @property
     def forward_m(self) -> float:
-        """Length by which the trajectory is too short along the line from the span's begin to its end [m]."""
+        """Length by which the trajectory is too short along the line from begin to end [m]; negative if too long."""
         return float(effects.resolve([self.registration], self.offset[None, :2])[0, 0])
 
 

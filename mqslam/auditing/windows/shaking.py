@@ -42,6 +42,9 @@ def judge_shaking(
 ) -> Finding:
     """Judges whether the poses of a map jump to and fro.
 
+    The verdict is `warn` if smoother poses make the map crisper by more than chance explains, and are off the given poses by
+    more than `settings.bend_m` in the median.
+
     Args:
         sweeps: points under the trajectory to judge; their `track` is not None.
         windows: windows in which the map is compared with the map under smoothed poses; undecided windows are left out.

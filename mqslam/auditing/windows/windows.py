@@ -39,7 +39,8 @@ class WindowAudit:
         pose: (3,) pose x, y [m], yaw [rad] of the sensor at the window's middle, in the map's frame.
         bend: the correction that makes the map of the window its best map.
         measures: published measures of map quality for the same points.
-        torn: whether the correction is larger than its covariance explains and larger than the settings tolerate.
+        torn: whether the correction is larger than its covariance and interpolation explain and larger than the settings
+            tolerate, or whether the scans contradict the speed.
         undecided: why the window counts as neither torn nor whole; None if it is decided.
         speed: check of the speed between the two middle scans; None if the speed was not checked.
         p_value: probability that a good map has an inflation this large in any window, if the covariance of the correction
