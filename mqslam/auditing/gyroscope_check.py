@@ -216,7 +216,7 @@ def _describe_bias(rotation: Rotation) -> str:
 
 
 def _describe_scale(rotation: Rotation) -> str:
-    """Returns a remark on how much more or less a trajectory turns than a gyroscope; an empty text if chance explains it."""
+    """Returns a remark on how much farther a trajectory turns than a gyroscope; "" if tolerated or explained by chance."""
     off = rotation.scale - 1.0
     if abs(off) <= max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
         return ""
