@@ -76,8 +76,8 @@ def detect_and_count(
     """
     power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
-    first = max(1, math.floor((config.min_range_m - range_offset) / range_resolution))
-    last = min(bins - 1, math.ceil((config.max_range_m - range_offset) / range_resolution))
+    first = max(1, min(math.floor((config.min_range_m - range_offset) / range_resolution), bins - 1))
+    last = min(bins - 1, max(1, math.ceil((config.max_range_m - range_offset) / range_resolution)))
     half = min(round(_SMOOTHING_M / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_find_saturated(power)
     above_noise = _threshold_above_noise(power[usable, first:last], half, config)

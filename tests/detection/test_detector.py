@@ -244,3 +244,11 @@ def test_the_counts_say_what_each_step_dropped() -> None:
 def test_a_range_that_ends_before_it_begins_is_refused(near: float) -> None:
     with pytest.raises(ValidationError, match="max_range_m"):
         DetectorConfig(min_range_m=near)
+
+
+@pytest.mark.parametrize("limits", [{"min_range_m": 1e6, "max_range_m": 2e6}, {"min_range_m": 0.0, "max_range_m": 0.2}])
+def test_limits_outside_the_image_leave_no_returns_and_count_what_lies_out_of_range(limits: dict[str, float]) -> None:
+    scan, config = polar_scan(with_echoes((10, 20.0), (30, 30.0))), SETTINGS.model_copy(update=limits)
+    returns, counts = detect_and_count(scan, BIN_M, config, range_offset=0.5)
+    assert len(returns) == 0 and counts.peaks == 0
+    assert counts.peaks_out_of_range >= 2
