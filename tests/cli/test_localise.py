@@ -172,7 +172,7 @@ def truncate(folder: Path) -> None:
         (lambda folder: shutil.rmtree(folder / "keyframes"), "holds no map"),
         (change_index(version=99), "is of version 99"),
         (truncate, "points.npy"),
-        (change_index(described_with={"rings": 7}), "do not fit its index"),
+        (change_index(described_with={"rings": 7}), "do not fit index.json"),
         (change_index(described_with={"colour": "red"}), "settings that this version does not know"),
         (lambda folder: (folder / "config.yaml").write_text("nonsense: {}\n"), "nonsense"),
     ],

@@ -65,7 +65,7 @@ def test_a_lidar_is_called_a_lidar_and_no_setting_mirrors_it() -> None:
 
 def test_odometry_of_another_time_is_not_used() -> None:
     found = fault(drive(yaw_at(TIMES + 40.0)))
-    assert found is not None and "it may be from another drive" in found.statement
+    assert found is not None and "it may be of another drive" in found.statement
 
 
 def test_a_straight_drive_tells_nothing() -> None:
