@@ -33,6 +33,7 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
     "degs": float(np.radians(1.0)),
     "rpm": 2.0 * np.pi / 60.0,
 }
+DIMENSIONLESS: Final = {"-": 1.0}
 """Units in lower case with their factors: lengths to m, angles to degrees and to rad, speeds to m/s, turn rates to rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
 _LONGEST_LINE = 10_000  # a file whose first line has more characters is no table
@@ -103,7 +104,9 @@ class Header:
                 return column, units[unit]
             if bracketed:
                 problem = f"column {full} states a unit in which {name} is not understood"
-                raise DataError(self.path, problem, f"give it in {next(iter(units))}, or one of {', '.join(units)}")
+                first, *others = units
+                known = f"give it in {first}, or one of {', '.join(units)}" if others else "leave the unit out"
+                raise DataError(self.path, problem, known)
             if rest[0] == " ":  # more words follow, but no unit
                 return column, 1.0
         return None

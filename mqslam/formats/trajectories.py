@@ -17,6 +17,7 @@ from mqslam.execution.files import write_text
 from mqslam.formats import bags
 from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
 from mqslam.formats.tables import (
+    DIMENSIONLESS,
     METRES,
     RADIANS,
     RATES,
@@ -62,7 +63,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     - KITTI with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
-      [rad], counter-clockwise from x, or qx, qy, qz, qw.
+      [rad], counter-clockwise from x, or qx, qy, qz, qw; units may follow: x [m], yaw [deg], qx [-].
     - A ROS bag: the only topic of odometry, poses or paths (of a run's /path and /pose, /path), or the named
       topic; of a topic of paths only the last message is read. If there is no such topic, or a topic of transforms or a
       frame is named, the transforms give the poses of a frame in the topmost frame above it.
@@ -270,7 +271,7 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
     at = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     header = Header(path, split_header(rows[at]))
     yaw = next((name for name in _YAWS if header.find_unit(name, RADIANS) is not None), None)
-    wanted = [("x", METRES), ("y", METRES), *([(yaw, RADIANS)] if yaw else [(name, {}) for name in _QUATERNION])]
+    wanted = [("x", METRES), ("y", METRES), *([(yaw, RADIANS)] if yaw else [(name, DIMENSIONLESS) for name in _QUATERNION])]
     words = [row.split(",") for row in rows[at + 1 :] if not row.startswith("#")]
     stamps, table = read_converted(header, words, wanted, _KNOWN, what="pose")
     yaws = [row[2] if yaw else read_yaw(path, f"pose {k}", row[2:]) for k, row in enumerate(table.tolist(), 1)]

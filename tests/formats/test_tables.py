@@ -73,6 +73,14 @@ def test_a_unit_that_cannot_be_converted_is_refused_by_the_columns_name(tmp_path
         assert f"column {column} states a unit" in str(error.value)
 
 
+def test_columns_of_quaternions_may_state_that_they_have_no_unit(tmp_path: Path) -> None:
+    cells = f"{{t}},1,2,0,0,{np.sin(YAW / 2.0):.12f},{np.cos(YAW / 2.0):.12f}"
+    track = read(tmp_path, "t,x,y,qx [-],qy (-),qz[-],qw", cells)
+    np.testing.assert_allclose(track.poses, [[1.0, 2.0, YAW]] * 4)
+    with pytest.raises(DataError, match=r"column qx \[rad\] states a unit .*; leave the unit out"):
+        read(tmp_path, "t,x,y,qx [rad],qy,qz,qw", cells)
+
+
 @pytest.mark.parametrize(
     ("header", "cells"),
     [
