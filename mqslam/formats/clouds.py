@@ -21,7 +21,7 @@ from mqslam.execution.guards.apart import ProcessFailed, call_apart
 from mqslam.formats import npz
 from mqslam.formats.ply import read_clock
 from mqslam.formats.poses import mark_places
-from mqslam.formats.stamps import LATEST_US, convert_stamps, time_unit
+from mqslam.formats.stamps import LATEST_US, UNITS, convert_stamps, guess_unit, time_unit
 from mqslam.formats.tables import find_stamps
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
@@ -97,7 +97,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} values of x, {len(y)} of y and {len(times)} times", "write the file again")
-    notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
+    notes = [_note_precision(path, name, times, unit)] if times.dtype == np.float32 and len(times) else []
     with np.errstate(invalid="ignore"):  # damaged numbers may be NaNs of a kind that NumPy warns about
         whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
@@ -140,13 +140,16 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
     return column
 
 
-def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Returns a note on the steps in which single-precision times (N,), taken as seconds, come; "" if the steps are small.
+def _note_precision(path: Path, name: str, times: NDArray[np.float32], unit: str) -> str:
+    """Returns a note on the steps in which single-precision times (N,) come, or "" if the steps are small.
+
+    The times are in `unit`; if it is "", it is guessed from their size.
 
     Raises:
         DataError: the steps are too large to tell one scan from the next.
     """
-    step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
+    largest = np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))
+    step = float(np.spacing(largest)) * 1e-6 * float(UNITS[unit or guess_unit(float(largest))])
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, in which different times are at least {step:.3g} s apart"
         raise DataError(path, problem, "write it in double precision, or count its times from the recording's start")

@@ -182,6 +182,25 @@ def test_times_too_coarse_for_single_precision_are_noted_or_refused(tmp_path: Pa
         read_cloud(ply(tmp_path / "c.ply", "float", T + 1.6e9))
 
 
+@pytest.mark.parametrize(
+    ("name", "start", "unit_us", "step"),
+    [("t_us", 4e8, 1, ""), ("t_ms", 2e7, 1000, "times come in steps of 0.002 s"), ("t_ns", 4e11, 1e-3, "")],
+)
+def test_coarse_times_are_so_in_their_own_unit(tmp_path: Path, name: str, start: float, unit_us: float, step: str) -> None:
+    times = (start + 1e6 * T / unit_us).astype(np.float32)
+    np.savez(tmp_path / "map.npz", x=X, y=Y, **{name: times})
+    cloud = read_cloud(tmp_path / "map.npz")
+    np.testing.assert_allclose(cloud.stamps_us, np.sort(times.astype(np.float64) * unit_us), rtol=0.0, atol=1.0)
+    assert [note for note in cloud.notes if "single" in note] == ([f"{name} is single-precision: {step}"] if step else [])
+
+
+def test_steps_of_single_precision_times_since_1970_are_refused_in_any_unit(tmp_path: Path) -> None:
+    for name, scale in (("t", 1e6), ("t_us", 1e6), ("t_ns", 1e9)):
+        np.savez(tmp_path / "map.npz", x=X, y=Y, **{name: ((T + 1.6e9) * scale).astype(np.float32)})
+        with pytest.raises(DataError, match=r"different times are at least 13[47] s apart"):
+            read_cloud(tmp_path / "map.npz")
+
+
 def test_times_that_no_drive_has_are_refused(tmp_path: Path) -> None:
     for times, is_read in (([0.0, *1.7e9 + np.arange(40.0)], True), (np.linspace(-1e9, 1e9, 41), False)):
         np.savez(tmp_path / "cloud.npz", x=np.zeros(41), y=np.zeros(41), t=np.asarray(times))
