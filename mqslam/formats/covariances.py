@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ _REMEDY: Final = (
     "give covariances.csv as a run writes it, TUM with the covariance after the pose (36, 21 or 12 more numbers), or a bag "
     "with PoseWithCovarianceStamped or Odometry"
 )
+_SUMMARY_BYTES: Final = 500_000_000  # limit on the size of summary.json, which grows with the length of a drive
 _PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw in a covariance (6, 6) of x, y, z and the rotations about them
 
 
@@ -38,7 +40,8 @@ class StampedCovariances:
         stamps_us: (N,) [us], increasing.
         covariances: (N, 3, 3) covariances in x, y [m] and yaw [rad].
         of_first_pose: True if x and y run along the axes of the first pose, as a run writes covariances; False if they run
-            along the axes of the frame in which the trajectory's poses are given, as in ROS.
+            along the axes of the frame in which the trajectory's poses are given, as in ROS and in a localisation, whose
+            poses are given in the frame of the map.
     """
 
     stamps_us: NDArray[np.int64]
@@ -98,7 +101,8 @@ def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
-    A CSV has them along the axes of the first pose; the other formats have them along those of the trajectory's frame.
+    A CSV has them along the axes of the first pose, or, in the folder of a localisation, along the axes of the map. The other
+    formats have them along the axes of the trajectory's frame.
 
     - CSV as `write_covariances` writes it.
     - TUM with more numbers after the pose: the 36 terms of a covariance of x, y, z and the rotations about these axes, the
@@ -107,7 +111,8 @@ def read_covariances(path: Path) -> StampedCovariances:
 
     Raises:
         DataError: the file cannot be read, has other columns or a row that is not made of numbers, its stamps do not
-            increase, the terms of a row do not form a covariance, or a bag has no such topic or several.
+            increase, the terms of a row do not form a covariance, a bag has no such topic or several, or the summary.json
+            beside a CSV is damaged.
     """
     if bags.recognises(path):
         return _read_bag(path)
@@ -123,7 +128,20 @@ def read_covariances(path: Path) -> StampedCovariances:
         if stamp <= before:
             raise DataError(path, f"the stamp of line {number} is not later than the stamp before", _REMEDY)
     stamps, covariances = zip(*rows.values(), strict=True)
-    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(covariances))
+    of_first_pose = not _is_of_localisation(path.with_name("summary.json"))
+    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(covariances), of_first_pose)
+
+
+def _is_of_localisation(summary: Path) -> bool:
+    """Returns whether the summary of a result, which may be missing, is that of a localisation.
+
+    Raises:
+        DataError: the summary is damaged.
+    """
+    if not summary.is_file():
+        return False
+    with untrusted.blame_file(summary):
+        return "median_sigma" in json.loads(untrusted.read_document(summary, _SUMMARY_BYTES))
 
 
 def holds_covariances(path: Path) -> bool:

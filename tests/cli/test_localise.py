@@ -22,12 +22,13 @@ from mqslam.backend.loops.recognition import describe_places
 from mqslam.config import Config, dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap, MappedRecording
+from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.local_engine import HERE
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.maps.keyframe_folder import write_keyframes
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.tum import read_tum
+from mqslam.formats.tum import read_tum, write_tum
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import beam_of
 
@@ -72,6 +73,16 @@ def test_the_poses_lie_in_the_maps_frame_with_covariance_and_status(street: Path
     assert given.stamps_us.tolist() == track.stamps_us.tolist()
     own = se2.rotate_covariance(given.covariances[7], -float(track.poses[7, 2]))
     assert float(rows[7]["sigma_along_m"]) == pytest.approx(np.sqrt(own[0, 0]), rel=1e-3)
+
+
+def test_covariances_stay_along_the_maps_axes_in_other_files(localised: Path, tmp_path: Path) -> None:
+    moved, known = shutil.copytree(localised, tmp_path / "moved"), read_covariances(localised / "covariances.csv")
+    track = read_tum(moved / "trajectory.tum")
+    write_tum(moved / "trajectory.tum", Trajectory(track.stamps_us, track.poses + np.array([0.0, 0.0, 1.0])))  # no yaw is 0
+    assert mqslam("convert", moved, tmp_path / "poses.tum").code == 0
+    converted = read_covariances(tmp_path / "poses.tum")
+    assert not converted.of_first_pose and converted.stamps_us.tolist() == known.stamps_us.tolist()
+    np.testing.assert_allclose(converted.covariances, known.covariances, rtol=1e-6)
 
 
 @pytest.mark.slow

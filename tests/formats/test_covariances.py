@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.covariances import StampedCovariances, read_covariances, write_covariances
+from mqslam.formats.covariances import StampedCovariances, list_known, read_covariances, write_covariances
 
 HEAD = "stamp_us,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw"
 ROW = "1547131046353776,0.04,0.01,0.001,0.09,-0.002,0.0001"
@@ -53,3 +54,26 @@ def test_a_file_of_anything_else_is_refused_with_its_line(tmp_path: Path, text: 
     with pytest.raises(DataError) as caught:
         read_covariances(tmp_path / "c.csv")
     assert problem in str(caught.value) and "give covariances.csv as a run writes it" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("summary", "of_first_pose"), [(None, True), ('{"verdict": {}}', True), ('{"median_sigma": {"along_m": 0.1}}', False)]
+)
+def test_those_of_a_localisation_are_along_the_axes_of_its_map(
+    tmp_path: Path, summary: str | None, of_first_pose: bool
+) -> None:
+    (tmp_path / "covariances.csv").write_text(f"{HEAD}\n{ROW}\n")
+    if summary is not None:
+        (tmp_path / "summary.json").write_text(summary)
+    given = read_covariances(tmp_path / "covariances.csv")
+    assert given.of_first_pose is of_first_pose
+    track = Trajectory(given.stamps_us, np.array([[3.0, 4.0, np.pi / 2.0]]))
+    ((_, covariance),) = list_known(track, given)
+    assert covariance[0, 0] == pytest.approx(0.09 if of_first_pose else 0.04)
+
+
+def test_a_damaged_summary_beside_covariances_is_named(tmp_path: Path) -> None:
+    (tmp_path / "covariances.csv").write_text(f"{HEAD}\n{ROW}\n")
+    (tmp_path / "summary.json").write_text("{")
+    with pytest.raises(DataError, match=r"summary\.json: is damaged"):
+        read_covariances(tmp_path / "covariances.csv")
