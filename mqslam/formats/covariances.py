@@ -101,7 +101,7 @@ def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
-    A CSV has them along the axes of the first pose, or, in the folder of a localisation, along the axes of the map. The other
+    A CSV has them along the axes of the first pose or, in the folder of a localisation, along the axes of the map; the other
     formats have them along the axes of the trajectory's frame.
 
     - CSV as `write_covariances` writes it.
