@@ -117,7 +117,10 @@ class PsiFrontEnd:
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
-    """Tracks a segment of the scans in `shared`, and returns its motions `begin` <= k < `end`; the rest is warm-up."""
+    """Tracks a segment of the scans in `shared`, and returns its motions from `segment.begin` up to before `segment.end`.
+
+    The motions of the warm-up are left out.
+    """
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
     if segment.is_backward:

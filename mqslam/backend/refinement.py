@@ -169,7 +169,8 @@ def refine(
         problem: the trajectory to refine, which can be optimised.
         loops: loops in the graph of the problem.
         scans: scans of the recording.
-        rounds: largest number of rounds in which every scan is registered; with zero, only psi across passes is measured.
+        rounds: largest number of rounds, each of which registers the scans of later passes that loops connect with earlier
+            passes; with zero rounds or without loops, only psi across passes is measured.
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.

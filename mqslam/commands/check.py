@@ -29,11 +29,12 @@ def check(
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
-        work: what reports on the work; the work itself is done in this process.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one; None takes the setting's or
+            the recording's own.
+        work: gets notes and progress. Its engine is not used, since everything is done in this process.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
+        ConfigError: a setting is wrong, the format is unknown, or the range resolution cannot be the length of a range bin.
         DataError: the recording or the odometry file cannot be used.
     """
     settings = load_config(config)

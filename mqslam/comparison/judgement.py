@@ -220,7 +220,10 @@ def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
 
 
 def _crop(sweeps: Sweeps, place: Place, half_m: float) -> NDArray[np.float64]:
-    """Returns the points (M, 2) of a place within `half_m` [m], in the frame of the sensor at the window's middle scan."""
+    """Returns the points (M, 2) [m] of a place that lie in a square around the sensor, whose sides are 2 `half_m` [m] long.
+
+    The points are in the frame of the sensor at the window's middle scan.
+    """
     points = centre_window(sweeps, place.begin, place.end)[0].points
     return np.asarray(points[np.abs(points).max(axis=1) <= half_m])
 

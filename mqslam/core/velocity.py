@@ -156,8 +156,8 @@ class Detected:
         unread: the error for each polar scan that could not be read, by the index of the scan in the recording.
         read_s, detect_s: seconds spent on reading and on detection.
         counts: numbers of azimuths and peaks that the detector kept and dropped.
-        velocities: velocities of the sensor, one per polar scan; None if not asked for. For a whole recording, also None if
-            its chirps do not alternate; for a part of one, they are then NaN.
+        velocities: velocities of the sensor, one per polar scan; None if not asked for. If the chirps do not alternate,
+            a whole recording has None, and a part of a recording has velocities that are NaN.
     """
 
     returns: list[Returns]

@@ -93,7 +93,10 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
 
 @nb.njit(cache=True, inline="always")
 def find_cell(distance: float, cell: float) -> int:
-    """Returns the number of the column or row at a distance [m] from the grid's corner, at least 0 and at most `_LAST`."""
+    """Returns the column (or row), from 0 to `_LAST`, at a distance [m] along x (or y) from the grid's corner.
+
+    A cell has sides of length `cell` [m].
+    """
     return max(0, min(int(np.floor(distance / cell)), _LAST))
 
 

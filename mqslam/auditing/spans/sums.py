@@ -102,7 +102,12 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns chains of successive spans: for each first span, one per length in `LENGTHS_M` that is reached."""
+    """Returns chains of successive spans: one from every span for each length in `LENGTHS_M` that its successors reach.
+
+    Args:
+        spans: spans in the order of time.
+        travelled: (S,) length of the path up to each sweep [m].
+    """
     begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 

@@ -337,10 +337,11 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns extra variances (N, 3) for motions that disagree with the front end by more than noise explains, else zero.
+    """Returns extra variances (N, 3) [m^2, m^2, rad^2] of motions: zero where noise explains how the front end disagrees.
 
     Slipping wheels, for instance, cause errors larger than noise, and in one direction. If the sum of the residuals of a
-    span is larger than noise explains, its square is divided equally among the variances of the span's motions.
+    span is larger than noise explains, each motion of the span gets an equal share of the square of this sum. A motion in
+    several such spans gets the largest of its shares.
 
     Args:
         residuals: (N, 3) residuals as for `measure_noise`.

@@ -1,7 +1,8 @@
-"""Reads and writes the layouts Boreas and Boreas-RT: images `radar/<t>.png`, with folders `calib/` or `applanix/` beside.
+"""Reads and writes the layouts Boreas and Boreas-RT: images `radar/<t>.png` beside a folder `calib/` or `applanix/`.
 
-A row of an image is an Oxford row: time, angle and power of one azimuth (see `azimuths`). An image and its pose are stamped
-in the middle of the revolution, at row floor(A / 2) - 1 of A. Range bin b begins at the range b * resolution + radar_offset.
+A row of an image is an Oxford row: time, angle and power of one azimuth (see `azimuths`). The name <t> of an image and the
+stamp of its pose are the time [us] of row floor(A / 2) - 1 of its A rows, counted from 0: the middle of the revolution. An
+object in the middle of range bin b, counted from 0, is at the range b * resolution + radar_offset [m].
 Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` transforms points from frame b to frame a. The
 Applanix frame is x right, y forward, z up; the radar's frame is x forward, y right, z down.
 

@@ -64,7 +64,7 @@ class PsiScore:
 
     @property
     def psi(self) -> float:
-        """The whole score: pairs plus charges."""
+        """The whole score, without unit: `pairs_psi` plus `charge`."""
         return self.pairs_psi + self.charge
 
 

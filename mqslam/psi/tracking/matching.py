@@ -113,14 +113,16 @@ class Matcher:
         return self._score(self.place(scan, state), final_scale(self.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
-        """Returns the directions (K, 3) of the start pose (x, y [m], yaw [rad]) that psi does not observe at a match.
+        """Returns the directions (K, 3) [m, m, rad] in which a scan can shift at its start without psi observing it.
+
+        K is 0 where psi observes every direction. The rows are scaled by their information, and are not of unit length.
 
         At the widest scale, dense traffic can make a direction seem unobserved, although the scan shows it at the final
         scale. Shifts of the scan along such a direction are therefore scored at the final scale. If psi is clearly lower at
         the match than at all shifts, the direction counts as observed.
 
-        Viewing directions play no part here. Otherwise, even a bare wall would seem to hold the scan at the place from which
-        the map was seen, because neighbours that were seen from the same direction count more.
+        From which direction a point was seen plays no part here. Otherwise, psi would seem to observe a motion along a bare
+        wall, because neighbours that were seen from the same direction count more.
         """
         wide = self._score(self._place_blindly(scan, state), annealed_scale(self.matching, 0), into)
         weak = find_weak_directions(wide, 3)

@@ -150,9 +150,9 @@ class Tracker:
 
         Args:
             scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
-            begin: (3,) vx, vy [m/s], omega [rad/s] near the truth; None searches exhaustively.
-            odometry: (3,) the same by odometry: the motion itself if the tracker is guided, else a second start for the
-                minimiser where psi does not observe every direction. None without odometry.
+            begin: (3,) vx, vy [m/s], omega [rad/s] at which the minimiser starts; None searches exhaustively.
+            odometry: (3,) vx, vy, omega by odometry, or None. A guided tracker takes it as the motion, and ignores `begin`.
+                Another tracker starts the minimiser from it, too, if psi does not observe every direction.
 
         Raises:
             FewReturnsError: a scan holds too few returns.

@@ -120,7 +120,7 @@ def lay_plan(seed: int) -> CityPlan:
 
 
 def _choose_sights(rng: np.random.Generator) -> _Sights:
-    """Chooses where carriageway, river, bridges and park are: near each other in the middle of the city."""
+    """Chooses at random where carriageway, river, bridges and park are, away from the edge of the city."""
     carriageway = int(rng.integers(3, 7))
     river = int(rng.choice([r for r in range(2, 7) if r not in (carriageway - 1, carriageway)]))
     column = int(rng.integers(1, 4))

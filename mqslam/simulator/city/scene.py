@@ -181,7 +181,8 @@ def _add_hedge(rng: np.random.Generator, start: Array, end: Array, parts: SceneP
 def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, style: _Style, parts: SceneParts) -> None:
     """Adds rows of houses along the sides of a block, and sheds, vehicles and trees in the court behind them.
 
-    Hedges and fences stand before the houses, except in a closed block.
+    Along `house_line`, corners (K, 2) [m] inside which the houses stand, each side may get a hedge or a fence, except in a
+    closed block.
     """
     depth, setback = rng.uniform(*style.depth), rng.uniform(*style.setback)
     front = offset_line(house_line, np.full(len(house_line), setback), closed=True)
