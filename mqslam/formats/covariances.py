@@ -196,7 +196,8 @@ def _read_bag(path: Path) -> StampedCovariances:
         for kind in (bags.POSE_WITH_COVARIANCE_TYPE, bags.ODOMETRY_TYPE):
             topics = {c.topic for c in reader.connections if c.msgcount and c.msgtype == kind}
             if len(topics) > 1:
-                raise DataError(path, f"has {len(topics)} topics of {kind}: {', '.join(sorted(topics))}", _REMEDY)
+                problem = f"has {len(topics)} topics of {kind} ({', '.join(sorted(topics))}), and only one can be read"
+                raise DataError(path, problem, "give a bag with one of these topics, or covariances.csv")
             if topics:
                 break
         else:

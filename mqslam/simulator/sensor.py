@@ -88,7 +88,8 @@ class SensorModel:
         if self.bins < 8:
             raise ConfigError(f"simulator: a max_range of {self.max_range} m holds only {self.bins} range bins; raise it")
         if self.bins * self.azimuths > _MOST_READINGS:
-            raise ConfigError(f"simulator: a max_range of {self.max_range} m holds too many bins ({self.bins}); lower it")
+            problem = f"{self.azimuths} azimuths of {self.bins} range bins are more readings than {_MOST_READINGS}"
+            raise ConfigError(f"simulator: {problem}; lower max_range or the number of azimuths, or use longer bins")
 
     @property
     def bins(self) -> int:

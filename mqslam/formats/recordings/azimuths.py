@@ -266,7 +266,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
         DataError: the azimuths of the polar scan run counter-clockwise, or there is only one.
     """
     if len(polar_scan.azimuths) < 2:
-        raise DataError(recording.path, f"polar scan {k} has one azimuth, but rows need two", "convert it to .npz")
+        raise DataError(recording.path, f"polar scan {k} has one azimuth, and this layout needs two", "convert it to .npz")
     if polar_scan.azimuths[-1] > polar_scan.azimuths[0]:
         problem = f"polar scan {k} turns counter-clockwise, encoder values count clockwise"
         raise DataError(recording.path, problem, "convert it to .npz, mulran or radiate")

@@ -165,7 +165,9 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
         if len(polar_scan.azimuths) < 2:
-            raise DataError(recording.path, f"polar scan {k} has one azimuth, but columns need two", "convert it to .npz")
+            raise DataError(
+                recording.path, f"polar scan {k} has one azimuth, and this layout needs two", "convert it to .npz"
+            )
         if k == 0:
             shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
             late = _measure_deviation(polar_scan, clockwise, 1) < _measure_deviation(polar_scan, clockwise, 0)

@@ -73,8 +73,9 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         raise ConfigError(f"the stretch from {span}: ends before it begins; give two times in seconds since the start")
     first, after = np.searchsorted(recording.start_times, [start, end]).tolist()
     if first >= after:
-        problem = f"no scan begins in it, since the recording takes {recording.duration_s:.1f} s"
-        raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give times within it")
+        begin, last = recording.start_times[[0, -1]].tolist()
+        problem = f"no scan begins in it; the scans begin from {begin:.1f} s to {last:.1f} s"
+        raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give a stretch that holds such times")
     note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
     if isinstance(recording, LidarRecording):
         if after - first < 2:
