@@ -70,7 +70,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ),
     ("run OXFORD --out out --frame vehicle --extrinsics none", "nothing says where the radar sits on it", {}),
     ("run OXFORD --out out --frame vehicel --extrinsics 1,0,0", "frame vehicel: unknown; did you mean vehicle?", {}),
-    ("run STREET --out out --start 900", "no scan begins in it, since the recording takes 12.0 s", {}),
+    ("run STREET --out out --start 900", "no scan begins in it; the scans begin from 0.0 s to 11.", {}),
     ("run OXFORD --out file/out", "cannot be made", {"file": "kept"}),
     ("run OXFORD --out kept", "kept: exists already; choose another --out", KEPT),
     ("run OXFORD --out kept.bag", "kept.bag: exists already; choose another --out", KEPT),
