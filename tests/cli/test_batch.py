@@ -101,7 +101,7 @@ def test_the_file_of_a_front_end_lies_beside_the_list(tmp_path: Path) -> None:
     orders, _ = read_plan(tmp_path / "runs.yaml")
     assert [order.frontend for order in orders] == [str(tmp_path / "mine.py"), "psi"]
     (tmp_path / "mine.py").unlink()
-    with pytest.raises(ConfigError, match=r"runs\.0: front end .*mine\.py: there is no such file"):
+    with pytest.raises(ConfigError, match=r"run 1: front end .*mine\.py: there is no such file"):
         read_plan(tmp_path / "runs.yaml")
 
 
