@@ -154,8 +154,8 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
     if not inside or np.linalg.eigvalsh(covariances)[:, 0].min() <= 0.0:
         return None
     begins, ends = spans[inside].T
-    errors = np.array([measurements[k].pose for k in inside]) - se2.between(truth.at(begins), truth.at(ends))
-    errors[:, 2] = se2.wrap(errors[:, 2])
+    moved = np.array([measurements[k].pose for k in inside])
+    errors = se2.subtract(moved, se2.between(truth.at(begins), truth.at(ends)))
     return float(se2.normalise(errors, covariances).mean() / errors.shape[1])
 
 

@@ -295,7 +295,6 @@ def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array) -> bo
     `before` and `after` are the poses (N, 3) of all scans before and after a round [m, m, rad].
     """
     earlier, later = np.array([(tie.earlier, tie.later) for tie in ties]).T
-    moved = se2.between(after[earlier], after[later]) - se2.between(before[earlier], before[later])
-    moved[:, 2] = se2.wrap(moved[:, 2])
+    moved = se2.subtract(se2.between(after[earlier], after[later]), se2.between(before[earlier], before[later]))
     sigmas = np.sqrt([np.diag(tie.covariance) for tie in ties])
     return bool(np.all(np.abs(moved) < _SETTLED * sigmas))

@@ -131,8 +131,8 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
     apart, lever_m = np.zeros(len(begins)), _LEVER_M * (scans.unit_m or 1.0)
     for i, a in enumerate(through):
         for b in through[i + 1 :]:
-            off = a - b
-            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), lever_m * se2.wrap(off[:, 2])))
+            off = se2.subtract(a, b)
+            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), lever_m * off[:, 2]))
     chosen: list[int] = []
     for k in np.argsort(-apart, kind="stable").tolist():
         if all(abs(k - other) > _PLACES_APART for other in chosen):

@@ -219,8 +219,7 @@ def make_odometry_edges(
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
     prior = make_prior_information(design, stated, mounted=mount is not None)
-    misses = seen.poses - given.poses
-    misses[:, 2] = se2.wrap(misses[:, 2])
+    misses = se2.subtract(seen.poses, given.poses)
     misses[~converged] = np.nan
     variances, noise = seen.variances + _LEAST_VARIANCE, given.variances
     for _ in range(_ROUNDS):  # motions that do not fit the calibration lose weight
