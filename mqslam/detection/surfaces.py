@@ -22,8 +22,6 @@ from mqslam.core import se2
 from mqslam.core.recording import LidarRecording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import count_of
-from mqslam.errors import DataError
 
 # Two neighbouring beams hit one surface if the angle between a beam and the normal of the line through their returns is at
 # most this [rad].
@@ -131,13 +129,7 @@ def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: floa
         recording: the recording as it was read.
         odometry: poses of the sensor, which show where it is at rest; None keeps all scans.
         unit_m: unit of length of the recording [m], as `measure_unit` returns it; None measures it.
-
-    Raises:
-        DataError: no scan has a return.
     """
-    if not any(len(scan.returns) for scan in recording.scans):
-        problem = f"holds no return in {count_of(len(recording.scans), 'scan')}"
-        raise DataError(recording.path, problem, "give a recording, or a stretch of it, in which the lidar sees something")
     unit_m, step = measure_unit(recording.scans) if unit_m is None else unit_m, find_step(recording.scans)
     kept = recording
     if odometry is not None:

@@ -141,7 +141,7 @@ def test_a_stretch_in_which_a_lidar_sees_nothing_is_refused(tmp_path: Path) -> N
     words = [" ".join(f"{metres:.2f}" for metres in scan) for scan in scans]
     poses = [f"{0.1 * k} 0 0 {0.1 * k} 0 0 {0.2 * k + 1000.0} host 0" for k in range(40)]
     log.write_text("".join(f"FLASER 180 {scan} {pose}\n" for scan, pose in zip(words, poses, strict=True)))
-    for command in (mqslam.run, mqslam.compare):
+    for command in (mqslam.run, mqslam.compare, mqslam.audit):
         with pytest.raises(DataError, match=r"hall\.log: holds no return in 15 scans; give a recording, or a stretch of it"):
             command(log, tmp_path / "out", start_s=5.0)
     assert not (tmp_path / "out").exists()

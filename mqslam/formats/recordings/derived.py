@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mqslam.core.recording import LidarRecording, PolarScan, Recording
+from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, DataError, require_type
 
 
@@ -61,6 +62,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
 
     Raises:
         ConfigError: a time is no number, the span ends before it begins, or it holds no scan (or only one of a lidar).
+        DataError: a lidar sees nothing in the span.
     """
     if start_s is None and end_s is None:
         return recording
@@ -81,6 +83,9 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         if after - first < 2:
             raise ConfigError(f"the stretch from {span} of {recording.path}: holds one scan; give times that hold more")
         part = recording.cut(first, after)
+        if not part.scans.counts.any():
+            problem = f"holds no return in {count_of(len(part.scans), 'scan')}"
+            raise DataError(part.path, problem, "give a recording, or a stretch of it, in which the lidar sees something")
         return replace(part, notes=(*part.notes, note))
     stamps_us = recording.stamps_us[first:after]
     same = copy_fields(recording) | {"stamps_us": stamps_us, "turns_us": recording.turns_us[first:after]}
