@@ -14,7 +14,7 @@ from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_new_file, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
-from mqslam.formats.recordings.derived import watch
+from mqslam.formats.recordings.derived import WatchedRecording, watch
 from mqslam.formats.recordings.layout import Message, Target
 
 _FOLDER = "oxford"  # the layout of a folder if the user names no layout
@@ -98,8 +98,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
     notes = target.write(out, source)
     for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
         notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
-    notes += [_DOWN_LEFT] if source.down[0] and not target.chirps else []
-    return [*notes, *_list_losses(source, target, 0 if target.validity else source.unmeasured[0])]
+    return [*notes, *_list_losses(source, target)]
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:
@@ -107,15 +106,14 @@ def _drop_single(track: Trajectory | None) -> Trajectory | None:
     return track if track is None or len(track) > 1 else None
 
 
-def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
+def _list_losses(recording: WatchedRecording, target: Target) -> list[str]:
     """Returns notes on the parts of a recording that a layout does not hold, and on how to read the result.
 
     Args:
-        recording: the recording.
+        recording: the recording, all of whose polar scans have been read.
         target: the layout.
-        unmarked: number of azimuths that lose their mark as not measured, because the layout cannot hold this mark.
     """
-    notes = []
+    notes = [_DOWN_LEFT] if recording.down[0] and not target.chirps else []
     if recording.odometry is not None and not target.odometry:
         notes.append(f"odometry {_LEFT}")
     if recording.ground_truth is not None and not target.truth:
@@ -126,7 +124,8 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
     for name, sensor in carried:
         if sensor is not None and not target.sensors:
             notes.append(f"{name} {_LEFT}")
-    if unmarked:
+    unmarked = recording.unmeasured[0]
+    if unmarked and not target.validity:
         notes.append(f"the layout cannot mark {count_of(unmarked, 'azimuth')} as not measured, so this mark is lost")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
