@@ -385,8 +385,7 @@ def _parse_flaser(words: list[str], above: int) -> ScanLine:
     step = np.pi / max(count - count % 2, 1)
     angles = -np.pi / 2 + step * np.arange(count, dtype=np.float64)
     poses = _parse_finite(tail[:6], 6)
-    float(tail[6])  # raises ValueError if the stamp is no number
-    return ScanLine(tail[6], ranges, angles, np.zeros(count), np.inf, poses[:3], poses[3:], above)
+    return ScanLine(_check_stamp(tail[6]), ranges, angles, np.zeros(count), np.inf, poses[:3], poses[3:], above)
 
 
 def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
@@ -404,8 +403,13 @@ def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
     angles = _parse_finite([start, resolution], 2)[0] + resolution * np.arange(count)
     remissions = remissions if reflected == count else np.zeros(count)
     limit = maximum if maximum > 0.0 else np.inf
-    float(tail[11])  # raises ValueError if the stamp is no number
-    return ScanLine(tail[11], ranges, angles, remissions, limit, poses[:3], poses[3:], above)
+    return ScanLine(_check_stamp(tail[11]), ranges, angles, remissions, limit, poses[:3], poses[3:], above)
+
+
+def _check_stamp(word: str) -> str:
+    """Returns a stamp as it is written; raises ValueError if it is no number."""
+    float(word)
+    return word
 
 
 def _parse_numbers(words: list[str], count: int) -> NDArray[np.float64]:
