@@ -15,13 +15,12 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, Remedy, to_path, untrusted
 from mqslam.execution.folders import CHECKPOINT
-from mqslam.formats.covariances import StampedCovariances, read_covariances
+from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
 _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
-_MOST_BYTES: Final = 500_000_000  # audit.json of a day of driving has about 100 MB
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,7 +201,7 @@ def read_result(folder: Path | str) -> Result:
     if not (folder / "summary.json").is_file():
         raise _explain_missing(folder)
     summary = _read_summary(folder / "summary.json", ("warnings",))
-    kinds = {"recordings": MergeResult, "median_sigma": LocaliseResult}
+    kinds = {"recordings": MergeResult, LOCALISED: LocaliseResult}
     return next((kind for key, kind in kinds.items() if key in summary), RunResult)(folder, summary)
 
 
@@ -227,7 +226,7 @@ def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
         DataError: the file is not JSON, or lacks one of the entries.
     """
     try:
-        summary = json.loads(untrusted.read_document(path, _MOST_BYTES))
+        summary = json.loads(untrusted.read_document(path, untrusted.RESULT_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(path, f"cannot be read ({error})", _REMEDY) from error
     missing = [key for key in keys if key not in summary] if isinstance(summary, Mapping) else list(keys)

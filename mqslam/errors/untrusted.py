@@ -18,6 +18,7 @@ from mqslam.errors import DataError, MqslamError, raise_interrupt
 _ALWAYS_BYTES = 16_000_000  # compressed data of any size may unpack to this many bytes
 _MOST_EXPANSION = 20  # plus this many times the packed size, since measurements can hardly be compressed
 YAML_BYTES = 300_000  # largest YAML text, since parsing it takes seconds and five hundred times its size in memory
+RESULT_BYTES = 500_000_000  # largest JSON of a result; audit.json of a day of driving has about 100 MB
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer lines
 _UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # byte order mark, then an ASCII character
 _DAMAGED = "copy the file again, or leave it out"
@@ -122,7 +123,7 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
 
 
 def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
-    """Reads a JSON or YAML file of bounded size; YAML needs the bound `YAML_BYTES`, since parsing takes much memory.
+    """Reads a JSON or YAML file of bounded size, such as `YAML_BYTES` for YAML and `RESULT_BYTES` for a result's JSON.
 
     Raises:
         DataError: the path is not a regular file, or the file is too large.

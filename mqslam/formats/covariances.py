@@ -28,7 +28,8 @@ _REMEDY: Final = (
     "give covariances.csv as a run writes it, TUM with the covariance after the pose (36, 21 or 12 more numbers), or a bag "
     "with PoseWithCovarianceStamped or Odometry"
 )
-_SUMMARY_BYTES: Final = 500_000_000  # limit on the size of summary.json, which grows with the length of a drive
+LOCALISED: Final = "median_sigma"
+"""Entry of summary.json that only a localisation has."""
 _PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw in a covariance (6, 6) of x, y, z and the rotations about them
 
 
@@ -141,7 +142,7 @@ def _is_of_localisation(summary: Path) -> bool:
     if not summary.is_file():
         return False
     with untrusted.blame_file(summary):
-        return "median_sigma" in json.loads(untrusted.read_document(summary, _SUMMARY_BYTES))
+        return LOCALISED in json.loads(untrusted.read_document(summary, untrusted.RESULT_BYTES))
 
 
 def holds_covariances(path: Path) -> bool:

@@ -18,7 +18,7 @@ from mqslam.core.wording import count_of
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.guards.memory import find_peak_mb
-from mqslam.formats.covariances import StampedCovariances, write_covariances
+from mqslam.formats.covariances import LOCALISED, StampedCovariances, write_covariances
 from mqslam.formats.maps.georeferenced import write_geojson
 from mqslam.formats.tum import write_tum
 from mqslam.localisation.localise import FEWEST_PAIRS, Localised
@@ -74,7 +74,7 @@ def summarise(
         "rows_recognised": localised.rows,
         "submaps_looked_up": localised.looked_up,
         "submaps_ambiguous": localised.ambiguous,
-        "median_sigma": {"along_m": along, "across_m": across, "yaw_rad": yaw},
+        LOCALISED: {"along_m": along, "across_m": across, "yaw_rad": yaw},
         "covariance_factors": localised.scale.tolist(),
         "covariance_pairs": localised.samples,
         "psi_per_point": float(np.nanmean(localised.psi[on_map])),
