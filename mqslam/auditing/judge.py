@@ -45,7 +45,7 @@ from mqslam.auditing.speeds import (
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.table import MapTest, apply_tolerance, share_of_false_alarms, sort_tests
-from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated
+from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated, state_cover
 from mqslam.auditing.verdict import Finding, Verdict, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
@@ -249,10 +249,12 @@ def _expect(
 
 def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
     """Returns findings on gaps, jumps and missing poses of the trajectory; none for a cloud without a trajectory."""
-    if sweeps.track is None:
+    track = sweeps.track
+    if track is None:
         return []
-    own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
-    return [*own, *judge_part(sweeps.track), *judge_doubt(sweeps.doubt_m, settings)]
+    own = judge_track(track, sweeps.times, sweeps.revolution_s, settings)
+    found = [*own, *judge_part(track), *judge_doubt(sweeps.doubt_m, settings)]
+    return found or [state_cover(track)]
 
 
 def _judge_frame(

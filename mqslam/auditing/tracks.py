@@ -279,6 +279,12 @@ def judge_part(track: Track) -> list[Finding]:
     return [Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason)]
 
 
+def state_cover(track: Track) -> Finding:
+    """Returns the finding on a trajectory without gaps, jumps and sparse poses: how many scans it covers."""
+    covered = f"{track.scans - track.uncovered} of {count_of(track.scans, 'scan')}"
+    return Finding(VerdictStatus.PASS, f"the trajectory covers {covered}, without a gap or a jump")
+
+
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
     """Describes intervals (begin, end) [s] in words, without an end at or after `last`, the start of the last scan [s]."""
     return _join([f"from {a:.1f} s on" if b >= last else describe_times(a, b) for a, b in spans])

@@ -76,7 +76,7 @@ _LISTED = 3  # at most this many torn windows and this many torn revisits are pr
 
 @command(
     "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance test fail_on "
-    "baseline mend config changes format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    "baseline mend config changes format range_resolution start_s end_s jobs cluster resume force as_json quiet verbose",
     _OWN,
 )
 def audit(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, DataError, Remedy, find_near, to_path, untrusted
+from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.clouds import read_cloud
@@ -83,6 +85,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     end_s: float | None = None,
     mend: bool = False,
     baseline: Path | str | None = None,
+    resume: bool = False,
     force: bool = False,
     work: Work = QUIET,
 ) -> AuditResult:
@@ -120,6 +123,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         mend: whether to correct the trajectory by the findings, write the corrected trajectory as mended.tum, with the
             stamps and in the frame of the given one, and audit it too; the verdict is still on the given trajectory.
         baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
+        resume: whether an unfinished audit at `out` is continued, with the returns that it has detected in a radar recording.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -127,14 +131,14 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         The result that was written to `out`.
 
     Raises:
-        MqslamError: the audit is impossible; nothing is written then.
+        MqslamError: the audit is impossible; at most an unfinished part stays at `out`, which `resume` continues.
 
     Example:
         >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
         >>> print(audited.verdict, audited.reasons)  # doctest: +SKIP
     """
     data, out = to_path(data, "data"), to_path(out, "out")
-    with claim_folder(out, force=force, sources=[data]):
+    with claim_folder(out, force=force, resume=resume, sources=[data]), ExitStack() as keeping:
         earlier = None if baseline is None else _read_baseline(Path(baseline))
         _set_limits(Config(), false_alarms, tolerance)  # raises for a wrong rate or tolerance before anything is read
         own = [] if test is None else [load_test(Path(test))]
@@ -163,7 +167,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 settings, source = fit_to_rooms(settings), make_lidar_source(recording)
                 subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings)
             else:
-                subject = _place_recording(*detect_radar(recording, given, name, settings, work))
+                key = hash_run(recording, settings, "audit", recording.odometry)
+                checkpoint = keeping.enter_context(keep_checkpoint(out, key, resume=resume))
+                runner = Runner(work.engine, work.progress, checkpoint)
+                subject = _place_recording(*detect_radar(recording, given, name, settings, runner))
         sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
         warnings = subject.warnings
         if mount is not None:
@@ -437,7 +444,7 @@ def detect_radar(
     given: Trajectory | None,
     name: str,
     settings: Config,
-    work: Work,
+    runner: Runner,
 ) -> tuple[Source, Trajectory, Config, list[str]]:
     """Detects the returns of a radar recording, and chooses the trajectory and the Doppler shift to audit it with.
 
@@ -446,7 +453,7 @@ def detect_radar(
         given: trajectory of the sensor; None takes a trajectory that the recording carries.
         name: name of this trajectory in the recording.
         settings: all settings.
-        work: where the returns are detected, and what reports on it.
+        runner: where the returns are detected and kept, and what reports on it.
 
     Returns:
         The recording with its scans, the trajectory, the settings with the Doppler shift, and the faults of the recording.
@@ -460,7 +467,7 @@ def detect_radar(
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(recording.path, tracks, name)
     require_covered(make_scans(recording), track)  # raises before the recording is read if the trajectory does not fit
-    scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
+    scans, detected = detect_all(recording, settings.detector, runner)
     source = Source(recording.path, recording.format, scans, tracks, recording.notes, recording.gyroscope)
-    beta = choose_doppler(scans, settings, work.engine).beta
+    beta = choose_doppler(scans, settings, runner.engine).beta
     return source, track, set_doppler_beta(settings, beta), [*recording.faults, *warn_of_unread(detected.unread)]

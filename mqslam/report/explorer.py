@@ -180,20 +180,27 @@ def explore(
 
 
 def chart_inflation(windows: Sequence[WindowAudit]) -> Chart:
-    """Returns a chart of the inflation of windows over time: torn windows are red triangles, undecided ones grey squares."""
+    """Returns a chart of the inflation of windows over time: torn windows are red triangles, undecided ones grey squares.
+
+    Undecided windows lie on the bottom line of the chart, since their inflation means nothing.
+    """
     kinds = (
         ([w for w in windows if not w.torn and w.undecided is None], BLUE, "inflation", "o"),
         ([w for w in windows if w.torn], RED, "inflation: torn", "^"),
-        ([w for w in windows if w.undecided is not None], GREY, "inflation: undecided", "s"),
+        ([w for w in windows if w.undecided is not None], GREY, "undecided", "s"),
     )
     curves = tuple(Curve(title, colour, trace_inflation(some), mark, 4.0) for some, colour, title, mark in kinds if some)
     return Chart("inflation", curves, LEVELS, log=("y",))
 
 
 def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns (W, 2): the time [s] at the middle of each window, and the window's inflation, at least `LEAST_INFLATION`."""
+    """Returns (W, 2): the time [s] at the middle of each window, and the window's inflation, at least `LEAST_INFLATION`.
+
+    The inflation of an undecided window is `LEAST_INFLATION`.
+    """
     times = [0.5 * (window.t0 + window.t1) for window in windows]
-    return over(times, np.maximum([window.bend.inflation for window in windows], LEAST_INFLATION))
+    shown = [LEAST_INFLATION if window.undecided is not None else window.bend.inflation for window in windows]
+    return over(times, np.maximum(shown, LEAST_INFLATION))
 
 
 def explain_torn(settings: AuditConfig) -> str:
@@ -202,7 +209,7 @@ def explain_torn(settings: AuditConfig) -> str:
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}, or where the scans contradict its speed, whatever its "
         "inflation. Torn places are red triangles, "
-        "undecided places are grey squares, and all other places are blue dots."
+        "undecided places are grey squares, on the bottom line of the chart, and all other places are blue dots."
     )
 
 

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from support.clusters import Cluster, at
@@ -19,6 +20,9 @@ from support.faults import QUICK, assert_refused, cut_short, images, run_quickly
 from support.parameters import mostly_slow
 
 from mqslam.cli import main
+from mqslam.cli.remedies import name_options
+from mqslam.commands import audit
+from mqslam.detection import stage
 from mqslam.execution.cluster import connect
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.execution.local_engine import LocalEngine
@@ -54,19 +58,36 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
     shown = [process.stderr.readline()]
     while shown[-1] and not re.match("reading and detecting: 30/30|simulating", shown[-1]):
         shown.append(process.stderr.readline())
-    if command in ("run", "compare"):
+    if command != "simulate":
         wait_until_kept(process, folder / "out")
     (os.killpg if number is signal.SIGINT else os.kill)(process.pid, number)
     rest = process.stderr.read()
     assert process.wait(timeout=300) == 128 + number, rest
     last = rest.splitlines()[-1]
     assert "Traceback" not in rest
-    if command in ("run", "compare"):
+    if command != "simulate":
         assert last == "mqslam: interrupted; continue with --resume"
         assert {path.name for path in (folder / "out").iterdir()} == {CHECKPOINT}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
     assert list_processes(process.pid) == []
+
+
+def test_an_audit_that_was_interrupted_goes_on_with_the_returns_it_has(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def judged(out: str, **more: bool) -> str:
+        audit.audit(drive, tmp_path / out, trajectory="ground_truth", **more)
+        return (tmp_path / out / "audit.csv").read_text()
+
+    whole = judged("whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt) as stopped:
+        patch.setattr(audit.judge, "audit", Mock(side_effect=KeyboardInterrupt))
+        judged("out")
+    assert "--resume" in name_options(stopped.value.__notes__[0])
+    monkeypatch.setattr(stage, "_detect_span", Mock(side_effect=AssertionError))
+    assert judged("out", resume=True) == whole
+    assert not (tmp_path / "out" / CHECKPOINT).exists()
 
 
 def test_a_signal_during_an_import_is_an_interrupt(

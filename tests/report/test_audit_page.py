@@ -79,9 +79,9 @@ def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
     assert "Inflation 10, undecided: its motion is interpolated across a gap of the trajectory." in text
     (chart,) = scene_of(tmp_path)["charts"]
     marks = [(curve["name"], curve["mark"]) for curve in chart["curves"]]
-    assert marks == [("inflation", "circle"), ("inflation: undecided", "square-open")]
+    assert marks == [("inflation", "circle"), ("undecided", "square-open")]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert ">inflation: undecided</text>" in page
+    assert ">undecided</text>" in page
 
 
 def test_measures_of_windows_without_a_value_leave_the_others(pages: dict[str, Path]) -> None:

@@ -28,6 +28,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam, beam_of
 
 _WORLDS = ("kind", "hard")
@@ -169,7 +170,7 @@ def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterato
     """Yields the name of every trajectory of a recording and the verdict on its map; the returns are detected once."""
     work = Work(LocalEngine(os.cpu_count() or 1))
     settings = Config()
-    source, _, settings, _ = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, work)
+    source, _, settings, _ = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, Runner(work.engine))
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     for name, track in tracks.items():
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)

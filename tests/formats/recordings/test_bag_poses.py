@@ -11,11 +11,11 @@ from support.recordings import START_US, TURN_US, circle
 
 from mqslam.commands.audit import detect_radar
 from mqslam.commands.inputs import choose_odometry, open_data
-from mqslam.commands.work import QUIET
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import Mount
+from mqslam.execution.runner import Runner
 from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.rosbag import Frames
@@ -127,5 +127,5 @@ def test_a_run_and_an_audit_take_odometry_as_the_motion_of_the_radar(mounted: Re
     assert unknown is mounted.odometry
     convert(mounted, tmp_path / "drive.mcap")
     config = Config.model_validate({"sensor": {"doppler_beta": 0.0}})
-    _, audited, *_ = detect_radar(open_data(tmp_path / "drive.mcap", None, None, config), None, "odometry", config, QUIET)
+    _, audited, *_ = detect_radar(open_data(tmp_path / "drive.mcap", None, None, config), None, "odometry", config, Runner())
     np.testing.assert_allclose(audited.poses, expected, atol=1e-9)
