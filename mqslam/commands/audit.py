@@ -123,7 +123,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         mend: whether to correct the trajectory by the findings, write the corrected trajectory as mended.tum, with the
             stamps and in the frame of the given one, and audit it too; the verdict is still on the given trajectory.
         baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
-        resume: whether an unfinished audit at `out` is continued, with the returns that it has detected in a radar recording.
+        resume: whether an unfinished audit at `out` is continued, with the returns that it has detected in radar data.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -167,12 +167,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 settings, source = fit_to_rooms(settings), make_lidar_source(recording)
                 subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings)
             else:
-                key = hash_run(recording, settings, "audit", recording.odometry)
-                checkpoint = keeping.enter_context(keep_checkpoint(out, key, resume=resume))
-                runner = Runner(work.engine, work.progress, checkpoint)
+                keep = keep_checkpoint(out, hash_run(recording, settings, "audit", recording.odometry), resume=resume)
+                runner = Runner(work.engine, work.progress, keeping.enter_context(keep))
                 subject = _place_recording(*detect_radar(recording, given, name, settings, runner))
-        sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
-        warnings = subject.warnings
+        sweeps, track, settings, warnings = subject.sweeps, subject.track, subject.settings, subject.warnings
+        notes = [*subject.notes, *understood]
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
@@ -187,8 +186,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if turning is not None and turning.agrees is not False:
             work.tell(turning.statement)
         judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative, own)
-        dataset = {"format": subject.format, "path": str(data)}
-        origin = name if sweeps.track is not None else None
+        dataset, origin = {"format": subject.format, "path": str(data)}, name if sweeps.track is not None else None
         summary = {
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
             "notes": notes,

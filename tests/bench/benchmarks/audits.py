@@ -170,7 +170,9 @@ def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterato
     """Yields the name of every trajectory of a recording and the verdict on its map; the returns are detected once."""
     work = Work(LocalEngine(os.cpu_count() or 1))
     settings = Config()
-    source, _, settings, _ = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, Runner(work.engine))
+    source, _, settings, _ = detect_radar(
+        open_data(data, None, None, settings), None, "ground_truth", settings, Runner(work.engine)
+    )
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     for name, track in tracks.items():
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)
