@@ -48,10 +48,11 @@ class StepAudit:
             its later sweep.
         t: time of the step [s] since the recording's start.
         p_value: probability that a map without a jump has a step this far off; NaN if the scans do not constrain every
-            direction, or if the map has too few steps to show their usual offset.
+            direction, if the map has too few steps to show their usual offset, or if the pattern of a lidar's beams alone
+            may explain the offset.
         lasts: whether the scans farther from the step also fit better with the offset of the step corrected. If not, only a
-            few scans are off and the map does not jump. False, too, if only the pattern of a lidar's beams fits better. True
-            without a check if the offset is tolerated or explained by chance.
+            few scans are off and the map does not jump. True without a check if the offset is tolerated or explained by
+            chance.
     """
 
     registration: Registration
@@ -98,14 +99,12 @@ def audit_steps(
     placed = zip(beside, engine.map(_register_step, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
     registrations = [step for _, step in sorted(found.items())]
-    steps = zip(registrations, compute_p_values(registrations).tolist(), strict=True)
-    return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, chance)) for step, p in steps]
+    p_values = compute_p_values(registrations).tolist()
+    return [_judge_step(step, p, shared, chance) for step, p in zip(registrations, p_values, strict=True)]
 
 
-def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
-    """Returns whether the scans farther from a step show its offset, too (see `StepAudit`).
-
-    True, too, if these scans hold too few points.
+def _judge_step(step: Registration, p_value: float, shared: Shared, chance: float) -> StepAudit:
+    """Returns the judgement of a step, whose offset is checked if it is neither tolerated nor explained by chance.
 
     Args:
         step: registration of the two sides of the step.
@@ -114,10 +113,17 @@ def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) ->
         chance: p-value below which a step is off by more than chance explains.
     """
     sweeps, settings, estimator = shared
+    t = float(sweeps.times[step.later])
     if not (p_value < chance and step.size_m > settings.jump_m):
-        return True
+        return StepAudit(step, t, p_value)
     if is_of_beams(step, pick_sides(step.later), sweeps, estimator):
-        return False
+        return StepAudit(step, t, float("nan"))
+    return StepAudit(step, t, p_value, _lasts(step, shared))
+
+
+def _lasts(step: Registration, shared: Shared) -> bool:
+    """Returns whether the scans farther from a step fit better with its offset corrected, or hold too few points."""
+    sweeps, settings, estimator = shared
     size, place = STEP_SCANS, step.later
     before = range(max(place - 2 * size, 0), max(place - size, size))
     after = range(min(place + size, len(sweeps) - size), min(place + 2 * size, len(sweeps)))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from support.drives import block_drive, noise, street_drive
 from support.laser_drive import cast_beams
 
+from mqslam.auditing import steps
+from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
@@ -192,3 +194,13 @@ def test_the_beams_of_a_lidar_on_bare_walls_contradict_no_speed(factor: float, h
     unmarked = replace(sweeps, is_of_lidar=False), ROOMS.audit, ROOMS.estimator
     found = check_speeds(unmarked, range(2, 18, 3), np.ones(len(sweeps), bool), HERE, ignore_progress)
     assert any(contradicts(check, capture) for check in found) is (is_wrong or not has_pillars)
+
+
+def test_the_beams_of_a_lidar_on_bare_walls_make_no_jump() -> None:
+    sweeps = corridor_sweeps(1.0, np.array([[-30.0, y, 70.0, y] for y in (-1.3, 1.4)]))
+    for made, is_jump in ((sweeps, False), (replace(sweeps, is_of_lidar=False), True)):
+        shared = made, ROOMS.audit, ROOMS.estimator
+        fits_as_if_at_rest = steps._register_step(shared, (10, (2.0, 0.2)))
+        assert fits_as_if_at_rest is not None and fits_as_if_at_rest.unrivalled
+        step = steps._judge_step(fits_as_if_at_rest, 1e-9, shared, 1e-3)
+        assert (find_torn_steps([step], ROOMS.audit, ROOMS.verdict) == [step]) is is_jump

@@ -119,6 +119,15 @@ def test_a_part_of_a_lidars_recording_is_solved_by_itself(tmp_path: Path) -> Non
     assert any("from 5 s to 17 s are used" in line for line in (result.folder / "run.log").read_text().splitlines())
 
 
+def test_a_slow_robot_is_tracked_though_its_scans_move_seldom(tmp_path: Path) -> None:
+    truth = write_carmen(tmp_path / "rooms.log", slower=8)
+    mqslam.run(tmp_path / "rooms.log", tmp_path / "out", end_s=18.0)
+    assert "lost" not in (tmp_path / "out" / "measurements.csv").read_text()
+    track = read_tum(tmp_path / "out" / "trajectory.tum")
+    np.testing.assert_array_equal(track.stamps_us, truth.stamps_us[:90])
+    assert largest_error_m(track, truth) < 0.1
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [

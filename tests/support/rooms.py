@@ -54,9 +54,13 @@ def build_walls() -> NDArray[np.float64]:
     return np.array(walls)
 
 
-def write_carmen(path: Path) -> Trajectory:
-    """Writes the drive as a CARMEN log, and returns the true poses."""
+def write_carmen(path: Path, slower: int = 1) -> Trajectory:
+    """Writes the drive as a CARMEN log, and returns the true poses.
+
+    A robot that is `slower` by a factor takes as many scans, and drives only the first part of the way.
+    """
     truth = drive_truth()
+    truth = Trajectory(truth.stamps_us, truth.at(START_US + (truth.stamps_us - START_US) // slower))
     lines = []
     for stamp, wheels, scan in zip(truth.stamps_us * 1e-6, slip(truth).poses, cast(truth), strict=True):
         x, y, yaw = wheels

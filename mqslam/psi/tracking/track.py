@@ -58,7 +58,7 @@ class Track:
             EstimationError: there are fewer than two scans.
             FewReturnsError: no two scans in a row, without a gap, hold enough returns.
         """
-        first = _find_start(self._scans)
+        first = _find_start(self._scans, self._tracker)
         self._start(first)
         k = first + 1
         handed_on = 0
@@ -74,7 +74,7 @@ class Track:
 
     def _start(self, first: int) -> None:
         """Begins the track at scan number `first`, and predicts the poses of all earlier scans, which show no motion."""
-        head = _take_head(self._scans, first)
+        head = _take_head(self._scans, first, self._tracker)
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         for n in range(first):
@@ -113,7 +113,7 @@ class Track:
         scan = self._scans[k]
         twist = self._twist_to(scan)
         psi_odometry = self._score_odometry(scan, twist)
-        tracked = self._tracker.resume(_take_head(self._scans, k), _whole(twist))
+        tracked = self._tracker.resume(_take_head(self._scans, k, self._tracker), _whole(twist))
         self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
         if not tracked.is_found:
             self._lost.append(k)
@@ -160,8 +160,10 @@ def _whole(twist: se2.Array | None) -> se2.Array | None:
     return None if twist is None or np.isnan(twist).any() else twist
 
 
-def _find_start(scans: Sequence[Scan]) -> int:
+def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
     """Returns the number of the first of two successive scans that hold enough returns and have no gap between them.
+
+    For a guided tracker, the two scans may have a gap between them, since odometry bridges it.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -172,7 +174,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
             f"there is no motion in a recording of {count_of(len(scans), 'scan')}; give at least two scans"
         )
     for k in range(len(scans) - 1):
-        if len(_take_head(scans, k)) > 1:
+        if len(_take_head(scans, k, tracker)) > 1:
             return k
     most = max(len(scan.returns) for scan in scans)
     raise FewReturnsError(
@@ -181,14 +183,14 @@ def _find_start(scans: Sequence[Scan]) -> int:
     )
 
 
-def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
+def _take_head(scans: Sequence[Scan], first: int, tracker: Tracker) -> list[Scan]:
     """Returns up to `START_SCANS` successive scans from number `first` on, up to a gap or a scan with too few returns.
 
-    The first scan is always returned, whatever it holds.
+    The first scan is always returned, whatever it holds. For a guided tracker, no gap ends the scans.
     """
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
-        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
+        gap = bool(head) and not tracker.is_guided and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
         if gap or not is_usable(scan):
             break
         head.append(scan)

@@ -117,7 +117,8 @@ class Tracker:
         keyframes: starts [s] of the scans that join the map; None takes scans that are far from the others.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
-        is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far.
+        is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far; also an
+            attribute.
     """
 
     def __init__(
@@ -132,7 +133,7 @@ class Tracker:
         is_reversed: bool = False,
         is_guided: bool = False,
     ) -> None:
-        self._is_guided = is_guided
+        self.is_guided = is_guided
         self._settings, self._tuning, self._chosen = settings, tuning, keyframes
         self._matcher = Matcher(settings, estimator, beam, revolution_s, tuning, is_reversed)
         self._map = LocalMap(tuning, keyframes)
@@ -175,7 +176,7 @@ class Tracker:
             scan: the scan.
             twist: (3,) mean twist [m/s, m/s, rad/s] by odometry from the scan to the start of the track, or None.
         """
-        if self._is_guided and twist is not None:
+        if self.is_guided and twist is not None:
             return self._pass_over(scan, guide(self._last.belief, twist, scan.t0 - self._last.t0))
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
@@ -184,7 +185,7 @@ class Tracker:
 
         The result is False if the tracker is guided, because odometry bridges the gap.
         """
-        if self._is_guided or self._last.is_before(scan):
+        if self.is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
         return bool(spread > compute_pixel_m(self._matcher.estimator) ** 2)
@@ -200,7 +201,7 @@ class Tracker:
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
-        if self._is_guided and twist is not None and np.isfinite(twist).all():
+        if self.is_guided and twist is not None and np.isfinite(twist).all():
             predicted = guide(last.belief, twist, scan.t0 - last.t0)
         begin = Belief(self._move_by(twist, predicted.mean, scan), predicted.covariance)
         if not is_usable(scan):
@@ -208,13 +209,13 @@ class Tracker:
         prior = predicted.prior
         minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
         if self._is_doubtful(minimum):
-            if self._is_guided:  # where wheels slip, odometry may be wrong by any motion
+            if self.is_guided:  # where wheels slip, odometry may be wrong by any motion
                 minimum, _ = matcher.search(scan, begin, self._map, minimum, self._is_doubtful)
             else:
                 minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum, _ = matcher.search(scan, begin, self._map, minimum)
-        if self._is_guided and self._is_out_of_place(minimum):
+        if self.is_guided and self._is_out_of_place(minimum):
             minimum = self._look_around(scan, minimum)
         if self._is_out_of_place(minimum):
             return self._miss(scan, begin, minimum)
@@ -226,7 +227,7 @@ class Tracker:
             start = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
             held = matcher.minimise(scan, start, hold_directions(replace(prior, mean=start.vector), weak), self._map)
             # wheels that slip, or stamps that are wrong, would hold a scan where it does not fit
-            minimum = minimum if self._is_guided and self._is_out_of_place(held) else held
+            minimum = minimum if self.is_guided and self._is_out_of_place(held) else held
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
@@ -241,7 +242,7 @@ class Tracker:
             twist: (3,) mean twist [m/s, m/s, rad/s] across the gap by odometry, without NaN, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
-        if self._is_guided and twist is not None:
+        if self.is_guided and twist is not None:
             bridged, after = guide(self._last.belief, twist, dt), self._follow_odometry(twist)
         else:
             bridged = self._last.predict(scan, self._settings)
@@ -282,7 +283,7 @@ class Tracker:
             The new results of these scans.
         """
         matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
-        if self._is_guided:  # odometry predicted these scans as well as all others
+        if self.is_guided:  # odometry predicted these scans as well as all others
             return results
         around = LocalMap(self._tuning)
         for scan, t in zip(scans[half:], tracked[half:], strict=True):
@@ -338,7 +339,7 @@ class Tracker:
 
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
         """Returns the motion of the first scans by odometry's twist (3,); None if the tracker does not follow odometry."""
-        if not self._is_guided or twist is None:
+        if not self.is_guided or twist is None:
             return None
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
 
@@ -383,7 +384,7 @@ class Tracker:
         self._prediction_errors.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        unseen = spread_along(weak, UNSHOWN if self._is_guided else blind.pose)
+        unseen = spread_along(weak, UNSHOWN if self.is_guided else blind.pose)
         return Tracked(scan.t0, belief.mean, covariance, unseen, minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
@@ -395,7 +396,7 @@ class Tracker:
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
         """Returns the prediction, without accelerations, as the result of a lost scan: one that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
-        unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
+        unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self.is_guided else 0.0)
         return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
 
     def _is_doubtful(self, minimum: Minimum) -> bool:
