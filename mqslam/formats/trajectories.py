@@ -196,10 +196,11 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
         if tuple(chosen) == bags.RESULT_TOPICS:  # the same poses twice
             chosen = chosen[:1]
         if len(chosen) != 1:
-            problem = f"has no poses on {topic}" if topic else f"has {len(chosen)} topics of poses"
+            problem = f"has no poses on {topic}" if topic else f"has {len(chosen) or 'no'} topics of poses"
             there = [*poses, *moving]
             listed = f"topics of poses: {', '.join(there[:12])}" if there else f"topics: {bags.list_topics(reader)}"
-            raise DataError(path, f"{problem} ({listed})", "name the topic of the trajectory")
+            remedy = "name one of these topics" if there else "give a file that holds the trajectory"
+            raise DataError(path, f"{problem} ({listed})", remedy)
         return _read_poses(path, reader, chosen[0])
 
 

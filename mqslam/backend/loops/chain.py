@@ -145,7 +145,7 @@ def as_relative(loop: Loop) -> Relative:
     return Relative(loop.pose, add_bend(loop.covariance))
 
 
-def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> list[Loop]:
+def keep_consistent(loops: Sequence[Loop], chain: Chain, near_m: float) -> list[Loop]:
     """Returns the loops that agree with their neighbours.
 
     Two loops are neighbours if both their earlier scans and their later scans lie close to each other on the path. They
@@ -156,12 +156,12 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
     Args:
         loops: the loops.
         chain: the trajectory without these loops.
-        least_path_m: largest path [m] between the earlier scans, and between the later scans, of two neighbours.
+        near_m: largest path [m] between the earlier scans, and between the later scans, of two neighbours.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    disagree = _find_disagreements(loops, chain, least_path_m)
+    disagree = _find_disagreements(loops, chain, near_m)
     kept = np.ones(len(loops), dtype=bool)
     while True:
         counts = (disagree & kept).sum(axis=1) * kept
@@ -170,9 +170,9 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
         kept &= counts < counts.max()
 
 
-def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
+def _find_disagreements(loops: Sequence[Loop], chain: Chain, near_m: float) -> NDArray[np.bool_]:
     """Returns a symmetric matrix (K, K) that is True for each two of the K loops that are neighbours and disagree."""
-    neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
+    neighbours = _find_neighbours(loops, chain.drive.travelled, near_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
     disagree = np.zeros((len(loops), len(loops)), dtype=bool)
@@ -195,8 +195,8 @@ def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool
     return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE
 
 
-def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:
-    """Returns the index pairs of loops with at most `least_path_m` of path between earlier scans and between later scans.
+def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], near_m: float) -> list[tuple[int, int]]:
+    """Returns the index pairs of loops with at most `near_m` of path between earlier scans and between later scans.
 
     `travelled` is the length (N,) of the path up to each scan [m].
     """
@@ -204,7 +204,7 @@ def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], leas
     return [
         (i, i + 1 + int(k))
         for i in range(len(ends))
-        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= least_path_m)
+        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= near_m)
     ]
 
 
