@@ -186,11 +186,12 @@ def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
 def _take_head(scans: Sequence[Scan], first: int, tracker: Tracker) -> list[Scan]:
     """Returns up to `START_SCANS` successive scans from number `first` on, up to a gap or a scan with too few returns.
 
-    The first scan is always returned, whatever it holds. For a guided tracker, no gap ends the scans.
+    The first scan is always returned, whatever it holds. For a guided tracker, the second scan may follow after a gap.
     """
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
-        gap = bool(head) and not tracker.is_guided and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
+        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
+        gap &= not tracker.is_guided or len(head) > 1
         if gap or not is_usable(scan):
             break
         head.append(scan)
