@@ -74,7 +74,7 @@ class Track:
 
     def _start(self, first: int) -> None:
         """Begins the track at scan number `first`, and predicts the poses of all earlier scans, which show no motion."""
-        head = _take_head(self._scans, first, self._tracker)
+        head = _take_head(self._scans, first, 2 if self._tracker.is_guided else 1)
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         for n in range(first):
@@ -113,7 +113,7 @@ class Track:
         scan = self._scans[k]
         twist = self._twist_to(scan)
         psi_odometry = self._score_odometry(scan, twist)
-        tracked = self._tracker.resume(_take_head(self._scans, k, self._tracker), _whole(twist))
+        tracked = self._tracker.resume(_take_head(self._scans, k), _whole(twist))
         self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
         if not tracked.is_found:
             self._lost.append(k)
@@ -163,7 +163,8 @@ def _whole(twist: se2.Array | None) -> se2.Array | None:
 def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
     """Returns the number of the first of two successive scans that hold enough returns and have no gap between them.
 
-    For a guided tracker, the two scans may have a gap between them, since odometry bridges it.
+    A guided tracker, whose odometry bridges gaps, takes the first two scans that hold enough returns if none of the first
+    `START_SCANS` scans begins such a pair: a robot that drives slowly has a gap between most of its scans.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -173,9 +174,16 @@ def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
         raise EstimationError(
             f"there is no motion in a recording of {count_of(len(scans), 'scan')}; give at least two scans"
         )
-    for k in range(len(scans) - 1):
-        if len(_take_head(scans, k, tracker)) > 1:
-            return k
+
+    def find_pair(begins: range, least: int = 1) -> int | None:
+        return next((k for k in begins if len(_take_head(scans, k, least)) > 1), None)
+
+    begins = range(len(scans) - 1)
+    first = find_pair(begins[:START_SCANS] if tracker.is_guided else begins)
+    if first is None and tracker.is_guided:
+        first = find_pair(begins, 2)
+    if first is not None:
+        return first
     most = max(len(scan.returns) for scan in scans)
     raise FewReturnsError(
         f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction without a gap between the scans; "
@@ -183,15 +191,14 @@ def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
     )
 
 
-def _take_head(scans: Sequence[Scan], first: int, tracker: Tracker) -> list[Scan]:
+def _take_head(scans: Sequence[Scan], first: int, least: int = 1) -> list[Scan]:
     """Returns up to `START_SCANS` successive scans from number `first` on, up to a gap or a scan with too few returns.
 
-    The first scan is always returned, whatever it holds. For a guided tracker, the second scan may follow after a gap.
+    The first scan is always returned, whatever it holds. A gap does not end the scans before there are `least`.
     """
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
-        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
-        gap &= not tracker.is_guided or len(head) > 1
+        gap = len(head) >= least and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
         if gap or not is_usable(scan):
             break
         head.append(scan)
