@@ -7,7 +7,7 @@ on either side, so a window's twist does not show the jump. The offset of the re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,7 @@ class StepAudit:
             its later sweep.
         t: time of the step [s] since the recording's start.
         p_value: probability that a map without a jump has a step this far off; NaN if the scans do not constrain every
-            direction, if the map has too few steps to show their usual offset, or if the pattern of a lidar's beams alone
-            may explain the offset.
+            direction, or if the map has too few steps to show their usual offset.
         lasts: whether the scans farther from the step also fit better with the offset of the step corrected. If not, only a
             few scans are off and the map does not jump. True without a check if the offset is tolerated or explained by
             chance.
@@ -106,6 +105,8 @@ def audit_steps(
 def _judge_step(step: Registration, p_value: float, shared: Shared, chance: float) -> StepAudit:
     """Returns the judgement of a step, whose offset is checked if it is neither tolerated nor explained by chance.
 
+    If the pattern of a lidar's beams alone may explain the offset, the two sides do not fit at one place only.
+
     Args:
         step: registration of the two sides of the step.
         p_value: p-value of the step.
@@ -117,7 +118,7 @@ def _judge_step(step: Registration, p_value: float, shared: Shared, chance: floa
     if not (p_value < chance and step.size_m > settings.jump_m):
         return StepAudit(step, t, p_value)
     if is_of_beams(step, pick_sides(step.later), sweeps, estimator):
-        return StepAudit(step, t, float("nan"))
+        return StepAudit(replace(step, unrivalled=False), t, p_value)
     return StepAudit(step, t, p_value, _lasts(step, shared))
 
 
