@@ -186,9 +186,18 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if turning is not None and turning.agrees is not False:
             work.tell(turning.statement)
         judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative, own)
-        dataset, origin = {"format": subject.format, "path": str(data)}, name if sweeps.track is not None else None
+        dataset = {"format": subject.format, "path": str(data)}
         summary = {
-            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
+            **summarise(
+                judged,
+                sweeps,
+                settings.audit,
+                settings.verdict,
+                dataset,
+                None if sweeps.track is None else name,
+                warnings,
+                stated,
+            ),
             "notes": notes,
             "gyroscope": None if turning is None else summarise_check(turning),
             "covariances": _judge_honesty(judged, notes, work, is_stated=relative is not None),

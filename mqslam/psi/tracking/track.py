@@ -56,7 +56,7 @@ class Track:
 
         Raises:
             EstimationError: there are fewer than two scans.
-            FewReturnsError: no two scans in a row, without a gap, hold enough returns.
+            FewReturnsError: no two scans in a row hold enough returns, without a gap unless odometry bridges it.
         """
         first = _find_start(self._scans, self._tracker)
         self._start(first)
@@ -185,8 +185,9 @@ def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
     if first is not None:
         return first
     most = max(len(scan.returns) for scan in scans)
+    apart = "" if tracker.is_guided else " without a gap between the scans"
     raise FewReturnsError(
-        f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction without a gap between the scans; "
+        f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction{apart}; "
         f"the scan with the most returns holds {most}"
     )
 
