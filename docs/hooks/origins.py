@@ -62,6 +62,7 @@ _FIRST_800 = "the first 800 scans of the twin's kaist01"
 _LIDARS = (
     "the planar runs Intel and fr079, while runs of lidars were made; both also judge these runs, so that they prove less"
 )
+_CORRIDORS = "simulated buildings of long corridors, and the planar run Intel, which is also judged"
 _SHARED_DRIFT = "the twin's kaist01, the city's seeds 1 to 3 and the first 800 scans of the twin's kaist02"
 _RANGING = "simulated drives without a range offset: two cities (kind, hard) and two drives of the twin (kind, hard)"
 _MOUNTS = "simulated streets; which ones is not recorded"
@@ -926,6 +927,20 @@ CONSTANTS = (
         "Settings for matching a lidar's scans to their map, in the order of `Tuning`.",
         "tuned",
         _LIDARS,
+    ),
+    Constant(
+        "mqslam.backend.loops.passes",
+        "_WIDENED",
+        "Multiple of the spread along a surface that is added to the covariance of a lidar's point in a pass.",
+        "tuned",
+        _CORRIDORS,
+    ),
+    Constant(
+        "mqslam.backend.loops.passes",
+        "_AROUND_M",
+        "Distance up to which a lidar's points show the surface of a point [m, in the recording's unit].",
+        "tuned",
+        _CORRIDORS,
     ),
     Constant(
         "mqslam.psi.tracking.state",

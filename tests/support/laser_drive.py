@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 from support.recordings import START_US, bag_writer
 
 from mqslam.core import se2
+from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
+from mqslam.detection.surfaces import spread_evenly
 
 RADIUS_M, STEP_M, SCANS, BEAMS = 48.0, 2.0, 138, 200
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+PERIOD_S, REACH_M = 0.2, 40.0  # of the scans that `look` casts
 
 
 def drive_truth() -> Trajectory:
@@ -94,3 +97,13 @@ def cast_beams(
         share = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / across
     hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
     return np.asarray(np.where(hit, distance, beyond_m).min(axis=1))
+
+
+def look(walls: NDArray[np.float64], pose: se2.Array, t0: float, seed: int) -> Scan:
+    """Returns the scan of a planar lidar, which sees 180 degrees in an instant, between walls (W, 4)."""
+    fan = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    ranges = cast_beams(walls, pose[:2], pose[2] + fan, 2.0 * REACH_M)
+    ranges += np.random.default_rng(seed).normal(0.0, 0.03, len(fan))
+    seen = ranges < REACH_M
+    returns = Returns(ranges[seen], fan[seen], np.full(seen.sum(), t0), np.ones(seen.sum()))
+    return spread_evenly(Scan(t0, t0 + PERIOD_S, returns), np.pi / (len(fan) - 1), 0.25)

@@ -250,7 +250,8 @@ def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate)
     drive, estimator, beam = shared
     earlier, later, _, _, chain, layout = candidate
     submaps = render_passes((drive, earlier), (drive, later), beam)
-    found = align_passes(*submaps, chain.motion, (candidate.reach_m, candidate.reach_rad), estimator)
+    reach = candidate.reach_m, candidate.reach_rad
+    found = align_passes(*submaps, chain.motion, reach, estimator, on_surfaces=drive.shows_surfaces)
     if found is None:
         return CandidateScore()
     if not is_unrivalled(found, MATCHED):

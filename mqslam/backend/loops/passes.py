@@ -6,7 +6,7 @@ A submap holds the returns of some scans around a central scan. The pose graph's
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
@@ -26,6 +26,10 @@ SPACING_M = 5.0
 SUBMAP_M = 15.0
 # Length of the later pass's submap as a share of the earlier pass's, so that the later one lies within the earlier one.
 LATER_SHARE = 0.5
+# Points of a submap within this distance show the surface on which a point lies [m, in the recording's unit].
+_AROUND_M = 1.0
+# Multiple of the spread along a surface that is added to a point's covariance.
+_WIDENED = 30.0
 _FAR_M: Final = 1e6  # added path [m] between two recordings: by definition longer than any real one
 
 
@@ -39,6 +43,10 @@ class Passes(Protocol):
     @property
     def travelled(self) -> NDArray[np.float64]:
         """Length (N,) of the path up to each scan [m]."""
+
+    @property
+    def shows_surfaces(self) -> bool:
+        """Whether returns lie anywhere on surfaces, as a lidar's do, and not at the spots that reflect best."""
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
@@ -67,6 +75,11 @@ class MappedDrive:
         jumps[starts] = np.maximum(keyframes.travelled[starts - 1], 0.0) + _FAR_M
         return cls(keyframes, keyframes.poses if poses is None else poses, keyframes.travelled + np.cumsum(jumps))
 
+    @property
+    def shows_surfaces(self) -> bool:
+        """Whether the keyframes are a lidar's."""
+        return self.keyframes.unit_m is not None
+
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the keyframes with the numbers `chosen` (K,), in the frame of the keyframe `centre`."""
         return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
@@ -81,18 +94,21 @@ class TrackedRun:
         times: (N,) start of each scan [s] since the recording's start.
         poses: (N, 3) poses of the sensor at these times, in the trajectory's frame [m, m, rad].
         travelled: (N,) length of the path up to each scan [m].
+        shows_surfaces: whether the scans are a lidar's.
     """
 
     scans: Sequence[Scan]
     times: NDArray[np.float64]
     poses: se2.Array
     travelled: NDArray[np.float64]
+    shows_surfaces: bool = False
 
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> TrackedRun:
         """Returns N scans under poses (N, 3) [m, m, rad]."""
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
-        return cls(scans, times, poses, se2.path_lengths(poses))
+        is_lidar = isinstance(scans, Scans) and scans.unit_m is not None
+        return cls(scans, times, poses, se2.path_lengths(poses), is_lidar)
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
@@ -137,9 +153,41 @@ def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: 
         beam: the sensor's errors.
 
     Returns:
-        The earlier and the later submap, each in the frame of its central scan.
+        The earlier and the later submap, each in the frame of its central scan. The points of a lidar are widened along the
+        surfaces on which they lie, so that walls do not show the place along them.
     """
-    return render_submap(*earlier, SUBMAP_M, beam), render_submap(*later, LATER_SHARE * SUBMAP_M, beam)
+    submaps = []
+    for (drive, centre), reach_m in ((earlier, SUBMAP_M), (later, LATER_SHARE * SUBMAP_M)):
+        points = render_submap(drive, centre, reach_m, beam)
+        submaps.append(widen_along_surfaces(points) if drive.shows_surfaces else points)
+    return submaps[0], submaps[1]
+
+
+def widen_along_surfaces(points: PointSet) -> PointSet:
+    """Widens the covariance of each point of a submap along the surface on which the point lies.
+
+    A scan's beams hit a wall at other spots in every pass, and close together where the wall is near the sensor. Points that
+    count alike in all directions pull a pass to where such dense parts of the same wall cover each other. A widened point
+    of a wall says where the wall is, and nothing about the place along it; this is shown by the ends of walls, by doors and
+    by pillars. The spread along the surface is the larger eigenvalue of the scatter of the points around a point, minus the
+    smaller eigenvalue. A point that stands alone keeps its covariance.
+
+    Args:
+        points: the points of the submap.
+    """
+    pairs = cKDTree(points.points).query_pairs(_AROUND_M, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    x, y = (points.points[other] - points.points[one]).T
+    count = 1.0 + np.bincount(one, minlength=len(points))  # the point itself lies at the origin
+
+    def average(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.bincount(one, values, minlength=len(points)) / count)
+
+    mean_x, mean_y = average(x), average(y)
+    xx, xy, yy = average(x * x) - mean_x**2, average(x * y) - mean_x * mean_y, average(y * y) - mean_y**2
+    half = np.hypot(0.5 * (xx - yy), xy)  # half the difference of the two eigenvalues
+    spread = np.column_stack([half + 0.5 * (xx - yy), xy, half - 0.5 * (xx - yy)])
+    return replace(points, covariances=points.covariances + _WIDENED * spread)
 
 
 # Two scans with less path [m] than this between them belong to the same pass: the motions between them need no loop.

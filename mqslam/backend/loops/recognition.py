@@ -396,7 +396,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
     """
     drive, mapped, estimator, beam = shared
     submaps = render_passes((mapped, pair.earlier), (drive, pair.later), beam)
-    found = align_passes(*submaps, pair.pose, _SEARCH, estimator)
+    found = align_passes(*submaps, pair.pose, _SEARCH, estimator, on_surfaces=drive.shows_surfaces)
     if found is None:
         return None
     match = Loop(pair.earlier, pair.later, found.pose, found.covariance, found.matched, found.psi)

@@ -183,8 +183,36 @@ def is_unrivalled(alignment: Alignment, matched: float) -> bool:
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 
+def measure_matched_information(references: References, points: PointSet, config: EstimatorConfig) -> float:
+    """Returns which share of what the points show of the direction that they show least is shown by matched points.
+
+    Two passes of one corridor match along its walls wherever they lie along the corridor. Only the few points that show the
+    place along it tell whether the passes match there; they hardly change the share of the points that match.
+
+    Args:
+        references: fixed points.
+        points: the points, in the references' frame, with covariances that are wide along surfaces.
+        config: settings of the score.
+
+    Returns:
+        The share, from 0 to 1. A point shows a direction by one over its variance along it.
+    """
+    xx, xy, yy = points.covariances.T
+    inverses = np.column_stack([yy, -xy, xx]) / (xx * yy - xy**2)[:, None]
+    along_x, mixed, along_y = inverses.sum(axis=0)
+    x, y = np.linalg.eigh([[along_x, mixed], [mixed, along_y]])[1][:, 0]  # the least eigenvalue comes first
+    shown = 1.0 / (x * x * xx + 2.0 * x * y * xy + y * y * yy)
+    return float(shown @ score_among(references, points, config).matched / shown.sum())
+
+
 def align_passes(
-    earlier: PointSet, later: PointSet, guess: se2.Array, reach: tuple[float, float], estimator: EstimatorConfig
+    earlier: PointSet,
+    later: PointSet,
+    guess: se2.Array,
+    reach: tuple[float, float],
+    estimator: EstimatorConfig,
+    *,
+    on_surfaces: bool = False,
 ) -> Alignment | None:
     """Registers the submap of a later pass on the submap of an earlier pass by psi.
 
@@ -194,12 +222,19 @@ def align_passes(
         guess: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.
+        on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`); the share MATCHED must then also
+            match of what the points show of the direction that they show least.
 
     Returns:
         The registration; None if a submap has too few returns, if the two do not match, or if the pose is too uncertain.
     """
     if len(earlier) < _FEWEST or len(later) < _FEWEST:
         return None
-    alignment = align(make_references(earlier), later, guess, reach, estimator)
-    sigmas = np.sqrt(np.diag(alignment.covariance))
-    return alignment if does_match(alignment, MATCHED) and max(sigmas[0], sigmas[1]) <= _SURE_M else None
+    references = make_references(earlier)
+    alignment = align(references, later, guess, reach, estimator)
+    if not does_match(alignment, MATCHED) or np.sqrt(np.diag(alignment.covariance)[:2]).max() > _SURE_M:
+        return None
+    points = move_rigidly(later, alignment.pose)
+    if on_surfaces and measure_matched_information(references, points, estimator) < MATCHED:
+        return None
+    return alignment

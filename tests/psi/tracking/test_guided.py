@@ -6,35 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from support.laser_drive import cast_beams
+from support.laser_drive import PERIOD_S, look
 
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.surfaces import spread_evenly
 from mqslam.frontends.bidirectional import DirectedMotion, join
 from mqslam.frontends.psi import PsiFrontEnd, rejoin
 from mqslam.psi.tracking.state import UNSHOWN
 
-BEAMS, PERIOD_S, REACH_M = 181, 0.2, 40.0
 BARE = np.array([[-200.0, -7.0, 200.0, -7.0], [-200.0, 7.0, 200.0, 7.0]])
 ROOM = np.array(
     [*BARE, [25.0, -7.0, 25.0, 7.0], [-10.0, -7.0, -10.0, 7.0], [16.0, 3.0, 16.0, 7.0], [18.0, -7.0, 18.0, -4.0]]
 )
 CONFIG = Config()
-
-
-def look(walls: NDArray[np.float64], pose: se2.Array, t0: float, seed: int) -> Scan:
-    """Returns the scan of a planar lidar, which sees 180 degrees in an instant, between walls (W, 4)."""
-    fan = np.linspace(-np.pi / 2, np.pi / 2, BEAMS)
-    ranges = cast_beams(walls, pose[:2], pose[2] + fan, 2.0 * REACH_M)
-    ranges += np.random.default_rng(seed).normal(0.0, 0.03, BEAMS)
-    seen = ranges < REACH_M
-    returns = Returns(ranges[seen], fan[seen], np.full(seen.sum(), t0), np.ones(seen.sum()))
-    return spread_evenly(Scan(t0, t0 + PERIOD_S, returns), np.pi / (BEAMS - 1), 0.25)
 
 
 def follow(walls: NDArray[np.float64], moves: se2.Array, stated: se2.Array) -> list[Measurement]:

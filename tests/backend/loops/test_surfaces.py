@@ -1,0 +1,106 @@
+"""Two passes of a corridor are joined by the ends of its walls, and not by the walls themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.laser_drive import PERIOD_S, look
+
+from mqslam.backend.loops.passes import TrackedRun, render_passes, widen_along_surfaces
+from mqslam.backend.loops.registration import align_passes
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.scans import Scans
+from mqslam.psi.place import PointSet, beam_of
+
+ESTIMATOR = Config().estimator
+BEAM = beam_of(ESTIMATOR, 0.0)
+PASS, REACH = 80, (15.0, 0.03)
+
+
+def build_corridor(seed: int) -> NDArray[np.float64]:
+    """Returns the walls (W, 4) of a straight corridor with shallow niches on both sides, at irregular distances."""
+    random, walls = np.random.default_rng(seed), []
+    for side in (-3.0, 3.0):
+        deep, last, begin = 1.12 * side, -100.0, -60.0
+        while begin < 160.0:
+            begin += 14.0 * random.uniform(0.6, 1.4)
+            end = begin + 2.4
+            walls += [
+                [last, side, begin, side],
+                [begin, side, begin, deep],
+                [begin, deep, end, deep],
+                [end, deep, end, side],
+            ]
+            last = begin = end
+        walls.append([last, side, 300.0, side])
+    return np.array(walls)
+
+
+def drive_twice(walls: NDArray[np.float64], unit_m: float | None, *, back: bool = False) -> TrackedRun:
+    """Returns two passes along a corridor of `PASS` scans each, the later one in the other direction if asked for."""
+    along = np.arange(PASS, dtype=np.float64)
+    first = np.column_stack([along, np.zeros((PASS, 2))])
+    second = np.column_stack([along + 0.37, 0.8 * np.sin(along / 7.0), np.zeros(PASS)])
+    if back:
+        second = second[::-1] + np.array([0.0, 0.0, np.pi])
+    poses = np.vstack([first, second])
+    scans = tuple(look(walls, pose, PERIOD_S * k, k) for k, pose in enumerate(poses))
+    return TrackedRun.of(Scans(scans, 0, PERIOD_S, unit_m), poses)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_two_passes_of_a_corridor_are_joined_by_its_niches(seed: int) -> None:
+    drive = drive_twice(build_corridor(seed), 1.0)
+    for earlier in (30, 40, 50):
+        truth = se2.between(drive.poses[earlier], drive.poses[PASS + earlier])
+        submaps = render_passes((drive, earlier), (drive, PASS + earlier), BEAM)
+        found = align_passes(*submaps, truth + np.array([1.5, 0.0, 0.0]), REACH, ESTIMATOR, on_surfaces=True)
+        assert found is not None
+        np.testing.assert_allclose(found.pose, truth, atol=0.06)
+        assert found.psi * 2.0 < found.rival
+
+
+def test_passes_of_a_bare_corridor_do_not_match_along_it() -> None:
+    drive = drive_twice(np.array([[-200.0, -3.0, 300.0, -3.0], [-200.0, 3.0, 300.0, 3.0]]), 1.0)
+    submaps = render_passes((drive, 40), (drive, PASS + 40), BEAM)
+    assert align_passes(*submaps, np.zeros(3), REACH, ESTIMATOR, on_surfaces=True) is None
+
+
+def test_passes_match_only_where_they_show_the_same_ends_of_walls() -> None:
+    """A lidar that looks ahead sees one end of each niche, and the other end on the way back; ends may match by chance."""
+    by_chance = 0
+    for seed in (1, 2):
+        drive = drive_twice(build_corridor(seed), 1.0, back=True)
+        for earlier in (40, 50):
+            later = 2 * PASS - 1 - earlier
+            truth = se2.between(drive.poses[earlier], drive.poses[later])
+            submaps = render_passes((drive, earlier), (drive, later), BEAM)
+            unasked = align_passes(*submaps, truth, REACH, ESTIMATOR)
+            by_chance += unasked is not None and abs(unasked.pose[0] - truth[0]) > 1.0
+            assert align_passes(*submaps, truth, REACH, ESTIMATOR, on_surfaces=True) is None
+    assert by_chance > 0
+
+
+def test_a_radars_points_are_not_widened() -> None:
+    walls = build_corridor(0)
+    lidars, radars = drive_twice(walls, 1.0), drive_twice(walls, None)
+    ours, theirs = (render_passes((d, 40), (d, PASS + 40), BEAM)[1].covariances for d in (lidars, radars))
+    assert np.all(ours[:, 0] + ours[:, 2] >= theirs[:, 0] + theirs[:, 2])
+    assert np.median(ours[:, 0]) > 20.0 * np.median(theirs[:, 0])
+
+
+def test_points_are_widened_along_the_line_on_which_their_neighbours_lie() -> None:
+    """Compared with the eigenvectors of the scatter by NumPy, for a wall, a crowd and a point that stands alone."""
+    random = np.random.default_rng(2)
+    wall = np.column_stack([np.arange(0.0, 8.0, 0.25), 3.0 + 0.02 * random.normal(size=32)])
+    points = np.vstack([wall, [4.0, -2.0] + 0.3 * random.normal(size=(20, 2)), [[-9.0, -9.0]]])
+    covariances = np.tile([0.01, 0.002, 0.02], (len(points), 1))
+    widened = widen_along_surfaces(PointSet(points, np.zeros((0, 2, 0)), covariances, np.zeros(len(points))))
+    for k, point in enumerate(points):
+        around = points[np.linalg.norm(points - point, axis=1) <= 1.0]
+        (least, most), vectors = np.linalg.eigh(np.cov(around.T, bias=True) if len(around) > 1 else np.zeros((2, 2)))
+        spread = 30.0 * (most - least) * np.outer(vectors[:, 1], vectors[:, 1])
+        np.testing.assert_allclose(widened.covariances[k] - covariances[k], spread[[0, 0, 1], [0, 1, 1]], atol=1e-12)
+    assert np.all(widened.covariances[2:30, 0] > 50.0 * widened.covariances[2:30, 2])
