@@ -17,10 +17,19 @@ from mqslam.commands.inputs import CHOICES, Inputs, read_extrinsics
 from mqslam.commands.result import Result
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Section, change_config, list_shipped, load_config
-from mqslam.config.yaml_file import parse_yaml
+from mqslam.config import Config, Section, change_config, list_shipped, load_config
+from mqslam.config.yaml_file import check_tree, parse_tree
 from mqslam.core import frontend as frontends
-from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error, raise_interrupt, untrusted
+from mqslam.errors import (
+    ClusterError,
+    ConfigError,
+    MqslamError,
+    describe_error,
+    find_near,
+    raise_interrupt,
+    suggest,
+    untrusted,
+)
 from mqslam.execution.folders import claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
@@ -28,6 +37,7 @@ from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.files import add_warnings
 
+_FORM = "a list of runs in the form 'runs: [{data: RECORDING}, {data: ANOTHER}]'"
 _AGAIN = "the same command continues the batch"
 
 
@@ -52,12 +62,6 @@ class PlannedRun(Section):
     end: float | None = Field(None, description="end of the part to use [s since the recording's start]")
 
 
-class Plan(Section):
-    """The content of RUNS.yaml."""
-
-    runs: list[PlannedRun] = Field(min_length=1, description="what to run")
-
-
 def read_plan(path: Path) -> tuple[list[Order], str]:
     """Returns the runs that RUNS.yaml lists, and the text of RUNS.yaml.
 
@@ -69,16 +73,52 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
         raise ConfigError(f"{path}: cannot be read ({reason}); give a YAML file with the runs") from error
-    plan = parse_yaml(Plan, path, text)
+    runs = _parse_runs(path, text)
     orders: list[Order] = []
     folder = path.absolute().parent
-    for number, (run, name) in enumerate(zip(plan.runs, _name_runs(plan.runs, folder), strict=True), 1):
+    for number, (run, name) in enumerate(zip(runs, _name_runs(runs, folder), strict=True), 1):
         try:
             orders.append(_prepare_order(run, name, folder, {order.name for order in orders}))
         except ConfigError as error:
             named = "" if run.name is None else f" ({run.name})"
             raise ConfigError(f"{path}: run {number}{named}: {error}") from error
     return orders, text
+
+
+def _parse_runs(path: Path, text: str | bytes) -> list[PlannedRun]:
+    """Returns the entries of RUNS.yaml.
+
+    Raises:
+        ConfigError: the text is not a list of runs, or an entry holds a mistake; the error names the entry by its number
+            from 1 and its name, if it has one.
+    """
+    tree = parse_tree(path, text, _FORM)
+    others = [str(key) for key in tree if key != "runs"]
+    if others:
+        raise ConfigError(f"{path}: unknown key {others[0]}; give only {_FORM}")
+    entries = tree.get("runs")
+    if not (isinstance(entries, list) and entries):
+        raise ConfigError(f"{path}: must hold {_FORM}")
+    runs = []
+    for number, entry in enumerate(entries, 1):
+        if not isinstance(entry, dict):
+            raise ConfigError(f"{path}: run {number}: must be in the form '- {{data: RECORDING}}', but it is {entry!r}")
+        place = f"{path}: run {number}" + (f" ({entry['name']})" if entry.get("name") is not None else "")
+        unknown = next((str(key) for key in entry if key not in PlannedRun.model_fields), None)
+        if unknown is not None:
+            raise ConfigError(f"{place}: unknown key {unknown}; {_advise(unknown)}")
+        runs.append(check_tree(PlannedRun, place, entry))
+    return runs
+
+
+def _advise(key: str) -> str:
+    """Returns advice on an unknown key of an entry, which may be meant as a setting."""
+    known = list(PlannedRun.model_fields)
+    settings = {name: section for section, values in Config() for name in type(values).model_fields}
+    setting = find_near(key, settings)
+    if setting is None or find_near(key, known) is not None:
+        return suggest(key, known)
+    return f"if you mean this setting, give it as 'set: {{{settings[setting]}.{setting}: VALUE}}'"
 
 
 def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:

@@ -12,29 +12,18 @@ from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
 _NAMED: Final = 5  # largest number of unknown settings that an error names
+_PLAIN: Final = {"missing": "is missing", "model_type": "must be a section in the form '{key: value}'"}
+_FORM: Final = "settings in the form 'section: {key: value}'"
 _FORMER: Final = "most settings of former versions are constants now, since nobody had a reason to change them"
 
 
-def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
-    """Returns the settings in a YAML text.
-
-    Args:
-        model: the class of the settings.
-        name: name of the file, for errors.
-        text: content of the file; bytes are UTF-8.
-
-    Raises:
-        ConfigError: the text is not YAML, or a setting is unknown or out of range.
-    """
-    return check_tree(model, name, parse_tree(name, text))
-
-
-def parse_tree(name: str | Path, text: str | bytes) -> dict[str, Any]:
+def parse_tree(name: str | Path, text: str | bytes, form: str = _FORM) -> dict[str, Any]:
     """Returns the tree of settings in a YAML text, which may hold settings of other versions.
 
     Args:
         name: name of the file, for errors.
         text: content of the file; bytes are UTF-8.
+        form: what the text must hold, for errors.
 
     Raises:
         ConfigError: the text is not YAML, or its outermost value is not a mapping.
@@ -50,7 +39,7 @@ def parse_tree(name: str | Path, text: str | bytes) -> dict[str, Any]:
     if tree is None:
         tree = {}
     if not isinstance(tree, dict):
-        raise ConfigError(f"{name}: must hold settings in the form 'section: {{key: value}}'")
+        raise ConfigError(f"{name}: must hold {form}")
     return tree
 
 
@@ -78,7 +67,8 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
         hint = suggest(str(loc[-1]), _list_settings(model, loc[:-1]))
         return f"unknown setting {unknown[0]}; {hint}{' Or' if hint.endswith('?') else ', or'} leave it out: {_FORMER}"
     where = ".".join(map(str, faults[0]["loc"]))
-    return f"{where}: {faults[0]['msg'].removeprefix('Value error, ')}"  # pydantic puts this before our messages
+    said = _PLAIN.get(faults[0]["type"], faults[0]["msg"].removeprefix("Value error, "))  # pydantic puts this before ours
+    return f"{where}: {said.replace('Input should be', 'must be')}"
 
 
 def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:

@@ -13,22 +13,26 @@ from mqslam.formats.graphs.g2o import format_poses_and_edges
 
 END_US = START_US + 6 * TURN_US
 NO_PLANS = {
-    "runs: [{dta: drive}]": "unknown setting runs.0.dta; did you mean data?",
-    "rnus: []": "unknown setting rnus; did you mean runs?",
-    "runs: []": "runs: List should have at least 1 item",
-    "runs: [{name: drive}]": "runs.0.data: Field required",
+    "runs: [{dta: drive}]": "run 1: unknown key dta; did you mean data?",
+    "rnus: []": "unknown key rnus; give only a list of runs in the form 'runs: [{data: RECORDING}, {data: ANOTHER}]'",
+    "runs: []": "must hold a list of runs in the form 'runs: [",
+    "runs: [{name: drive}]": "run 1 (drive): data: is missing",
+    "runs: [drive]": "run 1: must be in the form '- {data: RECORDING}', but it is 'drive'",
+    "runs: [{data: drive}, {data: drive, name: b, range_resolution: 0.04}]": (
+        "run 2 (b): unknown key range_resolution; if you mean this setting, give it as 'set: {sensor.range_"
+    ),
     "runs: [{data: drive}, {data: drive}]": "run 2: name drive: is the name of another run too; give one",
     "runs: [{data: drive, name: ../up}]": "run 1 (../up): name '../up': cannot be the name of a folder",
     "runs: [{data: drive, frontend: kissicp}]": "run 1: front end kissicp: unknown; did you mean kiss_icp?",
     "runs: [{data: drive, config: oxfrod}]": "oxfrod: no such configuration and no such file; did you mean oxford?",
-    "runs: [{data: drive, frame: car}]": "runs.0.frame: Input should be 'radar' or 'vehicle'",
+    "runs: [{data: drive, frame: car}]": "run 1: frame: must be 'radar' or 'vehicle'",
     "runs: [{data: drive, extrinsics: '1.2,0'}]": "run 1: extrinsics 1.2,0: are not three numbers",
-    "runs: [{data: drive, start: soon}]": "runs.0.start: Input should be a valid number",
+    "runs: [{data: drive, start: soon}]": "run 1: start: must be a valid number",
     "runs: [{data: drive, start: 9, end: 9}]": "run 1: start 9.0 and end 9.0: the end must be later than the start",
     "runs: [{data: drive, set: {detector: {threshold: 9}}}]": "run 1: set detector: give SECTION.NAME: VALUE, such as",
     "runs: [{data: drive, set: {detector.treshold: 9}}]": "unknown setting detector.treshold; did you mean threshold?",
     "runs: [": "is not a readable YAML file",
-    "- drive": "must hold settings",
+    "- drive": "must hold a list of runs in the form 'runs: [",
 }
 ODOMETRY = {
     f"t,v,omega\n{START_US + 700_000},1,0\n{END_US},1,0\n": (
@@ -142,7 +146,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("score STREET --start 0 --motion 1,2,3,4", "is not a motion", {}),
     ("score STREET --start 0 --motion fast,0", "--motion fast,0: is not a motion", {}),
     ("score STREET --start 0 --motion nan,0", "is not a motion", {}),
-    ("score STREET --start 0 --motion 1,0 --temporal box", "psi.temporal: Input should be 'plateau' or 'gaussian'", {}),
+    ("score STREET --start 0 --motion 1,0 --temporal box", "psi.temporal: must be 'plateau' or 'gaussian'", {}),
     ("score STREET --start 0 --motion 1,0 --numerator 2", "psi.numerator: ", {}),
     ("score STREET --start 0 --motion 1,0 --unmatched -1", "psi.unmatched: ", {}),
     ("optimise none.g2o", "none.g2o: does not exist; check the path", {}),

@@ -87,13 +87,13 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
-        ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
-        ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
+        ("map: {cell_m: -1}", "map.cell_m: must be greater than 0"),
+        ("map: {cell_m: wide}", "map.cell_m: must be a valid number"),
         ("map: {stop_s: 3, cell_m: -1}", "unknown setting map.stop_s; choose one of cell_m, or leave it out"),
         ("{detector: {join_bins: 2}, recognition: {row: 4}}", "unknown settings detector.join_bins, recognition; correct"),
         ("map: {a: 1, b: 1, c: 1, d: 1, e: 1, f: 1, g: 1}", "map.a, map.b, map.c, map.d, map.e and 2 others; correct them"),
-        ("map: 3", "map: Input should be"),
-        ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),
+        ("map: 3", "map: must be"),
+        ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: must be less than or equal to 1"),
         ("detector: {min_range_m: 3, max_range_m: 2}", "detector: max_range_m (2.0) must be larger than min_range_m (3.0)"),
         ("tracker: {segment_scans: 71}", "tracker.segment_scans: must be 0 or at least 72"),
         ("1: 2", "Keys should be strings"),
@@ -219,7 +219,7 @@ def test_an_option_sets_a_single_setting(tmp_path: Path) -> None:
         ("threshold=60", "give SECTION.NAME=VALUE"),
         ("detector.threshold=[", "the value '[' is not valid YAML; put it in quotes"),
         ("detector.treshold=60", "did you mean threshold?"),
-        ("detector.threshold=many", "detector.threshold: Input should be a valid number"),
+        ("detector.threshold=many", "detector.threshold: must be a valid number"),
     ):
         shown = mqslam("info", drive, "--set", wrong)
         assert shown.code == 2 and reason in shown.err and shown.err.count("\n") == 1, shown.err

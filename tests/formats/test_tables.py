@@ -13,8 +13,7 @@ import pytest
 from support.recordings import START_US
 from support.sensors import write_lines
 
-from mqslam.config import Config
-from mqslam.config.yaml_file import parse_yaml
+from mqslam.config.yaml_file import parse_tree
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.clouds import read_cloud
@@ -191,7 +190,7 @@ def test_a_mark_in_a_carmen_log_changes_nothing(tmp_path: Path, name: str, pack:
 
 def test_a_mark_in_settings_changes_nothing() -> None:
     text = "sensor: {clockwise: false}\n"
-    assert parse_yaml(Config, "a.yaml", MARK + text.encode()) == parse_yaml(Config, "a.yaml", text)
+    assert parse_tree("a.yaml", MARK + text.encode()) == parse_tree("a.yaml", text)
 
 
 def test_a_mark_before_the_stamps_of_images_changes_nothing(oxford: Path) -> None:

@@ -83,7 +83,7 @@ def test_settings_reach_the_reader_and_info_shows_what_was_assumed(tmp_path: Pat
 def test_a_setting_that_is_no_convention_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("sensor: {stamp: middle}\n")
     shown = mqslam("info", tmp_path, "--config", tmp_path / "mine.yaml")
-    assert shown.code == 2 and "sensor.stamp: Input should be 'start' or 'end'" in shown.err
+    assert shown.code == 2 and "sensor.stamp: must be 'start' or 'end'" in shown.err
 
 
 def test_turns_follow_their_stamps_and_stop_at_gaps() -> None:
