@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from mqslam.cli.options import Options, argument, command, option
+from mqslam.cli.options import Options, argument, choose_exit_code, command, option, set_verbosity
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
 from mqslam.errors import show
@@ -20,21 +20,32 @@ if TYPE_CHECKING:
 _OWN: Options = {
     "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; docs/how-to/batch.md shows one."),
     "out": option(Path, ..., "Folder for the results; each run gets a folder in it.", "--out", "-o"),
+    "verbose": option(
+        bool,
+        False,
+        "Log on stderr what the batch itself does; run.log of each run says what its stages found and how long they took.",
+        "--verbose",
+        "-v",
+        callback=set_verbosity,
+        rich_help_panel="Work and output",
+    ),
 }
 
 
-@command("plan out jobs cluster force as_json quiet verbose", _OWN)
-def batch(terminal: Terminal, **given: Any) -> None:
+@command("plan out fail_on jobs cluster force as_json quiet verbose", _OWN)
+def batch(terminal: Terminal, *, fail_on: Literal["warn", "fail"] | None, **given: Any) -> None:
     """Run many recordings and write one report on all of them.
 
     The runs follow one after the other; on a cluster, every worker does one run at a time. If a run fails, its error is
     shown and the other runs go on. Repeat the command to continue a batch: finished runs are kept, and unfinished runs
     continue.
 
-    Exit code: 0 if every run is finished, 1 if at least one failed.
+    Exit code: 0 if every run is finished, 1 if at least one failed. With --fail-on also 1 if the verdict on a run is the
+    given one or worse, and else 3 if the map of a run could not be judged.
 
     Example: mqslam batch runs.yaml --out results
     """
+    from mqslam.auditing.verdict import VerdictStatus
     from mqslam.commands.batch import run_batch
 
     with terminal.open_work() as work:
@@ -42,11 +53,11 @@ def batch(terminal: Terminal, **given: Any) -> None:
     summary = result.summary
 
     terminal.print_results(summary, lambda: print_batch(terminal, result))
-    for run in summary["runs"]:
-        if run["failure"] and not terminal.as_json:
-            terminal.print(f"{run['name']} failed: {show(name_options(run['failure']))}")
-    if summary["counts"]["failed"]:
-        raise typer.Exit(1)
+    if terminal.quiet and not terminal.as_json:
+        _print_failures(terminal, summary)
+    verdicts = [VerdictStatus(run["verdict"]) for run in summary["runs"] if run["verdict"]]
+    codes = [] if fail_on is None else [choose_exit_code(verdict, fail_on) for verdict in verdicts]
+    raise typer.Exit(1 if summary["counts"]["failed"] or 1 in codes else max(codes, default=0))
 
 
 def print_batch(terminal: Terminal, result: Result) -> None:
@@ -54,11 +65,21 @@ def print_batch(terminal: Terminal, result: Result) -> None:
     from rich.console import Console
 
     Console(soft_wrap=True).print(_tabulate(result.summary))
-    for run in result.summary["runs"]:
+    _print_failures(terminal, result.summary)
+    runs = result.summary["runs"]
+    terminal.print_warnings(f"{run['name']}: {run['warnings']}" for run in runs if run.get("warnings"))
+    for run in runs:
         if run["not_judged"]:
-            echo(f"{run['name']} not judged: {show(name_options(run['not_judged']))}")
+            echo(f"not judged of {run['name']}: {show(name_options(run['not_judged']))}")
     echo(f"report: {result.report}")
     terminal.print_warnings(result.warnings)
+
+
+def _print_failures(terminal: Terminal, summary: dict[str, Any]) -> None:
+    """Prints on stderr the runs of a batch that failed, with the reason, one line each."""
+    for run in summary["runs"]:
+        if run["failure"]:
+            terminal.print(f"{run['name']} failed: {show(name_options(run['failure']))}")
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:

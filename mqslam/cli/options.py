@@ -211,7 +211,7 @@ class _Shown(logging.Formatter):
         return show_lines(super().format(record))
 
 
-def _set_verbosity(verbose: bool) -> bool:
+def set_verbosity(verbose: bool) -> bool:
     """Shows the log lines of mqslam on stderr if `verbose`, else only warnings; returns `verbose`, as typer expects."""
     log = logging.getLogger("mqslam")
     for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
@@ -350,7 +350,7 @@ OPTIONS: Final[Options] = {
     "as_json": flag("Print the results as JSON.", "--json"),
     "quiet": flag("Print errors only.", "--quiet", "-q"),
     "verbose": option(
-        bool, False, "Log on stderr what each stage found and how long it took.", "--verbose", "-v", callback=_set_verbosity
+        bool, False, "Log on stderr what each stage found and how long it took.", "--verbose", "-v", callback=set_verbosity
     ),
 }
 """The options that several commands share."""

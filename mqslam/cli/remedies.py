@@ -10,6 +10,7 @@ _WORDS: dict[str, str] = {
     Remedy.CHOOSE_OUTPUT: "choose another --out",
     Remedy.CHOOSE_OR_REMOVE_OUTPUT: "choose another --out or remove it",
     Remedy.CHOOSE_OR_REPLACE_OUTPUT: "choose another --out or give --force to replace it",
+    Remedy.REMOVE_ONE_OR_REPLACE_ALL: "delete this folder to make this run again, or give --force to make all runs again",
     Remedy.CHOOSE_OR_RESUME_OUTPUT: "choose another --out or give --resume to continue the unfinished run in it",
     Remedy.CHOOSE_OR_WRITE_OUTPUT: "choose another --out or give --force to write into it",
     Remedy.FREE_SPACE: "free space or choose another --out",

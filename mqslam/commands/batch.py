@@ -24,6 +24,8 @@ from mqslam.errors import (
     ClusterError,
     ConfigError,
     MqslamError,
+    OutputError,
+    Remedy,
     describe_error,
     find_near,
     raise_interrupt,
@@ -248,7 +250,16 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
 
     def done(number: int, outcome: RunOutcome | None) -> None:
         work.progress("runs", len(orders) - len(missing) + number, len(orders))
+        work.tell(_describe_outcome(missing[number - 1], outcome or RunOutcome(failure=DIED)))
 
+    for order, kept in zip(orders, before, strict=True):
+        if kept is not None:
+            work.tell(_describe_outcome(order, kept))
+    for order in missing:
+        for path in _list_absent(order):
+            work.tell(f"{order.name}: {path} does not exist on this machine")
+    if missing:
+        work.progress("runs", len(orders) - len(missing), len(orders))
     ran = iter(work.engine.map_apart(run_one, terms, missing, done))
     outcomes = []
     for order, kept in zip(orders, before, strict=True):
@@ -260,6 +271,20 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
     return outcomes
 
 
+def _describe_outcome(order: Order, outcome: RunOutcome) -> str:
+    """Returns a line on a run that is finished, with its verdict, or on a run that failed, with the reason."""
+    if outcome.summary is None:
+        return f"{order.name} failed: {outcome.failure}"
+    state = "was finished before" if outcome.kept else "is finished"
+    return f"{order.name} {state}, verdict: {(outcome.summary.get('verdict') or {}).get('status')}"
+
+
+def _list_absent(order: Order) -> list[Path]:
+    """Returns the paths of a run's recording and of its sensors' files that do not exist on this machine."""
+    files = [Path(choice) for choice in (order.odometry, order.imu, order.gnss) if choice not in CHOICES]
+    return [path for path in (order.data, *files) if not path.exists()]
+
+
 def run_one(terms: Terms, order: Order) -> RunOutcome:
     """Makes a run in this process and returns its outcome, which holds the error message if the run fails."""
     out = terms.out / order.name
@@ -267,6 +292,10 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
         kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it
         if kept is not None:
             return kept
+        if not terms.force and (out / "summary.json").exists():
+            _open_order(order)  # raises what is wrong with the entry, which is the better reason
+            problem = "holds a run with another recording or settings, other sensors, or of another version of mqslam"
+            raise OutputError(f"{out}: exists already; it {problem}", Remedy.REMOVE_ONE_OR_REPLACE_ALL)
         with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
             job = _open_order(order)
             with LocalEngine(terms.jobs) as engine:

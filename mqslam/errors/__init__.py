@@ -26,6 +26,7 @@ class Remedy(StrEnum):
     CHOOSE_OUTPUT = "choose another output"
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
     CHOOSE_OR_REPLACE_OUTPUT = "choose another output, or allow this one to be replaced"
+    REMOVE_ONE_OR_REPLACE_ALL = "remove this folder to make this run again, or allow all runs to be replaced"
     CHOOSE_OR_RESUME_OUTPUT = "choose another output, or resume the unfinished run in it"
     CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
     FREE_SPACE = "free space or choose another output"

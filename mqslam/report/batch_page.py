@@ -44,7 +44,8 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
         OutputError: the file cannot be written.
     """
     failed = [f"{run['name']} failed: {run['failure']}" for run in summary["runs"] if run["failure"]]
-    page = Page(title, {**summary, "warnings": failed}, plan)
+    warned = [f"{run['name']}: {run['warnings']}" for run in summary["runs"] if run["warnings"]]
+    page = Page(title, {**summary, "warnings": [*failed, *warned]}, plan)
     tracks: dict[str, Trajectory] = {}
     for run in summary["runs"]:
         if run["trajectory"]:

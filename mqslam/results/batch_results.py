@@ -114,6 +114,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         "reasons": "; ".join(verdict.get("reasons", ())),
         "not_judged": "; ".join(summary.get("not_judged", ())),
         "failure": outcome.failure,
+        "warnings": "; ".join(summary.get("warnings", ())),
         "revolutions": dataset.get("revolutions"),
         "unread": dataset.get("unread"),
         "duration_s": dataset.get("duration_s"),

@@ -50,6 +50,11 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shown = batch(folder, folder / "out")
     assert shown.code == 1 and shown.out.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     assert f"gone failed: {drive.with_name('gone')}: does not exist" in shown.err
+    lines = shown.err.splitlines()
+    assert lines[0] == f"note: gone: {drive.with_name('gone')} does not exist on this machine"
+    told = [line.partition(",")[0].partition(":")[2] for line in lines if " is finished, verdict: " in line]
+    assert told == [" wheels is finished", " drive is finished", " radar only is finished"]
+    assert shown.out.index("not judged of drive: ") > 0
     return folder
 
 
@@ -80,6 +85,7 @@ def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
         assert runs[name]["verdict"] == alone["verdict"]["status"] and runs[name]["failure"] is None
         assert runs[name]["psi_per_point"] == alone["psi"]["per_point_optimised"]
         assert runs[name]["not_judged"] == "; ".join(alone["not_judged"])
+        assert runs[name]["warnings"] == "; ".join(alone["warnings"])
         assert (work / "out" / runs[name]["trajectory"]).is_file() and (work / "out" / runs[name]["report"]).is_file()
     with (work / "out" / "batch.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -117,7 +123,9 @@ def test_an_entry_may_take_a_part_of_the_recording_and_set_settings(work: Path, 
     settings = load_config(tmp_path / "out" / "drive" / "config.yaml")
     assert (settings.detector.threshold, settings.map.cell_m, settings.sensor.doppler_beta) == (35.0, 0.5, 0.0)
     with run_in_this_process():
-        assert json.loads(batch(tmp_path, tmp_path / "out", "--json").out)["kept"] == 1
+        shown = batch(tmp_path, tmp_path / "out", "--json", "--fail-on", "fail")
+        (run,) = json.loads(shown.out)["runs"]
+        assert json.loads(shown.out)["kept"] == 1 and (run["verdict"], shown.code) == ("not judged", 3)
 
 
 def test_the_report_shows_every_run_and_leads_to_its_own(work: Path) -> None:
@@ -151,6 +159,7 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
         shown = batch(tmp_path, out, "--quiet")
     assert shown.code == 1 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
+    assert "delete this folder to make this run again" in shown.err
     assert read_contents(out / "wheels") == before
     with run_in_this_process():
         assert batch(tmp_path, out, "--force", "--quiet").code == 0

@@ -25,7 +25,7 @@ SHOWN = {
     "[m] [us]",
     "audit": "out trajectory times topic z-range fail-on config format jobs cluster force json [m]",
     "localise": "map out frontend config odometry imu extrinsics format jobs cluster strict force json [m] [us]",
-    "batch": "out jobs cluster force json",
+    "batch": "out fail-on jobs cluster force json",
     "convert": "to message force [m]",
     "check": "odometry config format json [m]",
     "score": "start motion minimise json [s [m/s",

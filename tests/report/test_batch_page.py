@@ -14,6 +14,7 @@ def test_every_run_is_told_in_words(pages: dict[str, Path]) -> None:
     assert f"{good}26 mm off (ATE, RMSE), drift of 0.0319 %" in text
     assert "33 of 40 windows are <torn>\n–\n2.50 km in 1 min 0 s, no loop closed\nno ground truth" in text
     assert "gone\nfailed: polar scan 7" in text
+    assert "alone: the <clock> drifts" in text and "good: " not in text
     assert "1\nruns of which not all was judged" in text and "ψ" not in text
 
 

@@ -206,6 +206,7 @@ def batched_run(name: str, **changed: Any) -> dict[str, Any]:
         "reasons": "0 of 40 windows are torn",
         "not_judged": "",
         "failure": None,
+        "warnings": "",
         "revolutions": 240,
         "duration_s": 60.0,
         "length_m": 421.3,
@@ -225,7 +226,7 @@ def write_batch(folder: Path) -> list[str]:
     runs = [
         batched_run("good", not_judged="on <assumed> range bins rests its scale"),
         batched_run("bad", verdict="fail", reasons="33 of 40 windows are <torn>", length_m=2500.0, loops=0, ate_rmse_m=None),
-        batched_run("alone", psi_per_point_odometry=None, duration_s=20.0),
+        batched_run("alone", psi_per_point_odometry=None, duration_s=20.0, warnings="the <clock> drifts"),
         {**dict.fromkeys(batched_run("")), "name": "gone", "failure": HOSTILE},
     ]
     counts = dict.fromkeys(VerdictStatus, 0) | {"pass": 2, "fail": 1, "failed": 1}
