@@ -294,7 +294,7 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
             return kept
         if not terms.force and (out / "summary.json").exists():
             _open_order(order)  # raises what is wrong with the entry, which is the better reason
-            problem = "holds a run with another recording or settings, other sensors, or of another version of mqslam"
+            problem = "holds a run of another recording, with other sensors or settings, or by another version of mqslam"
             raise OutputError(f"{out}: exists already; it {problem}", Remedy.REMOVE_ONE_OR_REPLACE_ALL)
         with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
             job = _open_order(order)
