@@ -14,7 +14,7 @@ from mqslam.cli.options import OF_WORK, Options, argument, command
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
 _OWN: Options = {
-    "first": argument(Path, ..., "OUT1", "The folder of a result."),
+    "first": argument(Path, ..., "OUT1", "The folder of a result; of a batch, the folder of a run in it."),
     "second": argument(Path, ..., "OUT2", "The folder of another result of the same kind."),
 }
 _SHOWN = (  # groups of figures that are printed; --json lists all groups
@@ -42,7 +42,7 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
 def _parse_options(line: str) -> dict[str, Any] | None:
     """Returns the values of the options in a command line, by name; None if the line is no command of mqslam.
 
-    Options that change no result are left out, and settings, since every result holds its settings itself.
+    None stands also for a line of `batch`, whose options are not those of its runs. Options that change no result are left out, and settings, since every result holds its settings itself.
     """
     from mqslam.cli import app
 
@@ -51,7 +51,7 @@ def _parse_options(line: str) -> dict[str, Any] | None:
         words = shlex.split(line)
     except ValueError:  # the line is cut or was edited
         return None
-    if len(words) < 2 or words[1] not in commands:
+    if len(words) < 2 or words[1] not in commands or words[1] == "batch":
         return None
     command = commands[words[1]]
     context = type(command).context_class(command, ignore_unknown_options=True, resilient_parsing=True)
@@ -65,7 +65,8 @@ def _format(differences: dict[str, Any]) -> str:
     shown = {name: both for name, both in differences["figures"].items() if name.partition(".")[0] in _SHOWN}
     options = differences["options"]
     given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}
-    parts = ["options: not known, because run.log of a result holds no command of mqslam"] if options is None else []
+    unknown = "options: not known, because run.log of a result holds no command of mqslam, or that of a batch"
+    parts = [unknown] if options is None else []
     kinds = {} if options is None else {"options": given}
     for kind, values in {**kinds, "settings": differences["settings"], "figures": shown}.items():
         rows = [(name, " -> ".join(_format_value(value) for value in both)) for name, both in values.items()]

@@ -47,12 +47,15 @@ def diff_results(
         stamp]. `trajectories` is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
 
     Raises:
-        DataError: a folder holds no result, or the results are of different kinds.
+        DataError: a folder holds no result or that of a batch, or the results are of different kinds.
     """
     results = [read_result(folder) for folder in (first, second)]
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
         raise DataError(Path(second), f"is the result of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
+    for result in results:
+        if "runs" in result.summary:
+            raise DataError(result.folder, "is the result of a batch", "give the folders of two of its runs")
     given = [parse_options(dict(read_origin(result.folder)).get("command", "")) for result in results]
     options = None if given[0] is None or given[1] is None else _list_changes(given[0], given[1])
     settings = _list_settings(*results)
@@ -79,7 +82,7 @@ def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
     """Returns the settings that differ, as `_list_changes` does.
 
     The files are not checked, since another version of mqslam may have written them. The dict is empty if a result has no
-    config.yaml, such as the result of a batch.
+    config.yaml.
     """
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):

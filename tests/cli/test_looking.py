@@ -136,6 +136,8 @@ def test_diff_lists_the_options_that_differ(finished: Path, other: Path) -> None
     assert parse_strict_json(mqslam("diff", finished, other, "--json").out)["options"] == {}
     (other / "run.log").write_text(log.replace("command: mqslam run", "command: steps.py"))
     assert mqslam("diff", finished, other).out.startswith("options: not known, because run.log of a result holds no ")
+    (other / "run.log").write_text(log.replace("command: mqslam run", "command: mqslam batch"))
+    assert "holds no command of mqslam, or that of a batch\n" in mqslam("diff", finished, other).out
 
 
 def test_diff_says_why_psi_does_not_compare(finished: Path, other: Path) -> None:
@@ -174,6 +176,10 @@ def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path)
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
     assert shown.code == 2 and f"is the result of another command than {finished} (AuditResult, not RunResult)" in shown.err
+    (tmp_path / "audit.json").rename(tmp_path / "batch.json")
+    (tmp_path / "batch.json").write_text('{"warnings": [], "runs": []}')
+    shown = mqslam("diff", tmp_path, tmp_path)
+    assert shown.code == 2 and f"{tmp_path}: is the result of a batch; give the folders of two of its runs" in shown.err
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".png", b"\x89PNG"), (".svg", b"<?xml")])
