@@ -6,12 +6,12 @@ from typing import Any
 
 import typer
 
-from mqslam.cli.options import command
+from mqslam.cli.options import OF_RADAR, command
 from mqslam.cli.terminal import Terminal, echo
 from mqslam.errors import show
 
 
-@command("data config changes odometry format range_resolution as_json quiet verbose")
+@command("data config changes odometry format range_resolution as_json quiet verbose", {"data": OF_RADAR})
 def check(terminal: Terminal, **given: Any) -> None:
     """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation and range bins.
 

@@ -18,7 +18,7 @@ class MessageKind(StrEnum):
 
 
 _OWN: Options = {
-    "data": argument(Path, ..., "DATA", "A recording in any layout, the folder of a finished run, or keyframes."),
+    "data": argument(Path, ..., "DATA", "A radar's recording in any layout, the folder of a finished run, or keyframes."),
     "out": argument(Path, ..., "OUT", "The file (.bag, .mcap, .npz, .ply, .tum) or folder to write; it must not exist yet."),
     "to": option(
         str | None,

@@ -42,7 +42,8 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
 def _parse_options(line: str) -> dict[str, Any] | None:
     """Returns the values of the options in a command line, by name; None if the line is no command of mqslam.
 
-    None stands also for a line of `batch`, whose options are not those of its runs. Options that change no result are left out, and settings, since every result holds its settings itself.
+    It is None for `batch`, too, whose options are not those of its runs. Options that change no result are left out, and
+    settings, since every result holds its settings itself.
     """
     from mqslam.cli import app
 

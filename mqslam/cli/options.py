@@ -224,14 +224,19 @@ def set_verbosity(verbose: bool) -> bool:
     return verbose
 
 
+_LAYOUTS: Final = (
+    "a folder in the layout of Oxford Radar RobotCar, Boreas, MulRan or RADIATE, a ROS bag "
+    "(.bag, .mcap, or the folder of a ROS 2 bag), "
+)
+OF_RADAR: Final = argument(Path, ..., "DATA", f"The recording of a radar: {_LAYOUTS}or an .npz file of `convert`.")
+"""Declaration of `data` for commands that read no lidars."""
+
 OPTIONS: Final[Options] = {
     "data": argument(
         Path,
         ...,
         "DATA",
-        "The recording: a folder in the layout of Oxford Radar RobotCar, Boreas, MulRan or RADIATE, a ROS bag "
-        "(.bag, .mcap, or the folder of a ROS 2 bag), an .npz file of `convert`, or a planar "
-        "lidar's CARMEN log.",
+        f"The recording: {_LAYOUTS}an .npz file of `convert`, or a planar lidar's CARMEN log or bag.",
     ),
     "out": option(Path, ..., "Folder for the results; it must not exist yet.", "--out", "-o"),
     "frontend": option(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mqslam.cli.options import Options, command, flag, option
+from mqslam.cli.options import OF_RADAR, Options, command, flag, option
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ _VARIANT: Options = {
     ),
 }
 _OWN: Options = {
+    "data": OF_RADAR,
     "start": option(float, ..., r"The window begins with the first scan at or after this time \[s since DATA begins]."),
     "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
     "revolutions": option(int, 3, "Length of the window, in scans.", min=2),

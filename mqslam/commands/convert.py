@@ -65,9 +65,15 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         check_new_file(out, force=force)
         write_wide(out, read_tum(data / "trajectory.tum"), read_covariances(data / "covariances.csv"))
         return []
-    if keyframes == data:
+    if keyframes is not None and not is_run(data):
         problem = "holds keyframes, which can only become a point cloud"
+        if keyframes != data:
+            problem = "is a merged map, of which only the keyframes can be converted, to a point cloud"
         raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
+    instead = "give an output that ends in .bag, .mcap, .tum or .ply, or the layout rosbag2"
+    problem = f"{data}: is a run; its results can only be converted to a bag, to TUM or to a point cloud; {instead}"
+    if is_run(data) and to is None and out.suffix not in (".bag", ".mcap"):
+        raise ConfigError(problem)
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
         if not is_run(data):
@@ -75,8 +81,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
             notes = write_recording(recording, out, target, partial(progress, "converting"))
             return [*recording.notes, *recording.faults, *notes]
         if not target.is_bag:
-            instead = "give an output that ends in .bag, .mcap or .tum, or the layout rosbag2"
-            raise ConfigError(f"{data}: is a run; its results can only be converted to a bag or to TUM; {instead}")
+            raise ConfigError(problem)
         write_results(out, data, target.name)
     return []
 

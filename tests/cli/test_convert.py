@@ -226,12 +226,13 @@ def test_who_comes_late_still_gets_the_map(finished: Path, tmp_path: Path) -> No
         assert {topic for topic, said in kept.items() if word in said} == {"/map", "/points", "/path"}
 
 
-@pytest.mark.parametrize("name", ["out", "out.npz"])
+@pytest.mark.parametrize("name", ["out", "out.npz", "out.pcd"])
 def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> None:
     shown = mqslam("convert", finished, tmp_path / name)
     assert (
         shown.code == 2
         and "is a run; its results can only be converted to a bag" in shown.err
+        and "give an output that ends in .bag, .mcap, .tum or .ply" in shown.err
         and read_contents(tmp_path) == {}
     )
 

@@ -47,6 +47,9 @@ def test_keyframes_become_points_only(folder: Path, tmp_path: Path, words: list[
     shown = mqslam("convert", folder, tmp_path / words[0], *words[1:])
     assert shown.code == 2 and re.search(r"which can only become a point cloud;\s+give\s+an\s+output", shown.err)
     assert not (tmp_path / words[0]).exists()
+    shown = mqslam("convert", tmp_path, tmp_path / words[0])  # the folder above holds no trajectory, as a merged map's
+    assert shown.code == (0 if words[0] == "map.ply" else 2)
+    assert shown.code == 0 or f"{tmp_path}: is a merged map, of which only the keyframes can be converted" in shown.err
 
 
 def test_damaged_keyframes_leave_no_file(folder: Path, tmp_path: Path) -> None:
