@@ -23,6 +23,7 @@ from mqslam.formats.tables import (
     RATES,
     SPEEDS,
     Header,
+    find_stamps,
     parse_numbers,
     parse_times,
     read_converted,
@@ -118,7 +119,12 @@ def read_odometry(path: Path) -> Trajectory:
     if found["v"] is None and all(header.find_unit(name, METRES) for name in ("x", "y")):
         return _read_table(path, rows)
     wanted = [(name, units) for name, units in _TWIST if name != "vy" or found[name] is not None]
-    stamps, table = read_converted(header, [row.split(",") for row in rows[1:]], wanted, _ODOMETRY, "us")
+    cells = [row.split(",") for row in rows[1:]]
+    stamps, table = read_converted(header, cells, wanted, _ODOMETRY, "us")
+    stamped = find_stamps(header.names)
+    if np.any(np.diff(stamps) <= 0) and stamped[0][1] == "" and any("." in row[stamped[0][0]] for row in cells):
+        remedy = "name its unit in the header, such as t [s] for seconds"
+        raise DataError(path, "its column of stamps holds fractions, but is taken for microseconds", remedy)
     twists = np.column_stack([table[:, 0], table[:, 2] if len(wanted) > 2 else np.zeros(len(table)), table[:, 1]])
     steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
     return make_trajectory(path, stamps, se2.integrate_steps(steps)[: len(stamps)])

@@ -128,6 +128,14 @@ def test_odometry_converts_what_its_header_states(tmp_path: Path, header: str, r
     np.testing.assert_allclose(track.mean_twists(STAMPS[:1], STAMPS[1:2]), [[10.0, 0.0, 0.2]], atol=1e-9)
 
 
+def test_odometry_in_seconds_without_a_unit_is_told_its_unit(tmp_path: Path) -> None:
+    rows = [f"16000000{k / 20:05.2f},10,0" for k in range(4)]
+    with pytest.raises(DataError, match=r"holds fractions, but is taken for microseconds; name its unit .* such as t \[s\]"):
+        read_odometry(write_lines(tmp_path / "odom.csv", "t,v,omega", *rows))
+    track = read_odometry(write_lines(tmp_path / "odom.csv", "t [s],v,omega", *rows))
+    assert np.diff(track.stamps_us).tolist() == [50_000] * 3
+
+
 def test_a_table_of_poses_is_odometry_too(tmp_path: Path) -> None:
     rows = [f"{t // 10**6},{t % 10**6 * 1000},{1e3 * k},{-2e3 * k},{0.5 * k}" for k, t in enumerate(STAMPS.tolist())]
     track = read_odometry(write_lines(tmp_path / "odom.csv", "stamp_sec,stamp_nsec,x [mm],y [mm],yaw [deg]", *rows))
