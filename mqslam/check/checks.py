@@ -174,7 +174,7 @@ def check_recording(
             findings.append(CheckFinding(name, CheckVerdict.UNTOLD, text))
     spread = read_spread(recording, settings, progress)
     findings += check_ranges(recording, spread, settings, beam)
-    read = sum(len(stretch.scans) for stretch in (*stretches, *spread))
+    read = len({scan.t0 for stretch in (*stretches, *spread) for scan in stretch.scans})  # both may read the same scans
     return Check(tuple(findings), tuple(notes), read, len(recording))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
 from mqslam.commands.lidar_settings import fit_to_lidar
@@ -14,6 +15,8 @@ from mqslam.core.wording import join_words
 from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
 
+_OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "clockwise", "stamp", "encoder_size")  # in section sensor
+
 
 @dataclass(frozen=True, slots=True)
 class PreparedLidar:
@@ -23,8 +26,8 @@ class PreparedLidar:
         recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
         odometry: the odometry that the run uses, or None.
         settings: all settings, with lengths that are fitted to the scans.
-        warnings: sentences on why the recording's odometry is not used; empty if odometry is used, if the recording has
-            none, or if the user chose none.
+        warnings: sentences on why the recording's odometry is not used, if it has some and the user wants it, and on
+            settings that have no effect on lidars.
     """
 
     recording: LidarRecording
@@ -59,5 +62,8 @@ def prepare_lidar(
         why = "is a lidar's recording, with which only odometry and the frame of the lidar can be used"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
     track, unused = choose_odometry(recording, inputs.odometry, None)
+    idle = [f"sensor.{name}" for name in _OF_RADARS if getattr(settings.sensor, name) is not None]
+    if idle:
+        unused = [*unused, f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"]
     prepared = prepare(recording, track, unit_m)
     return PreparedLidar(prepared, track, fit_to_lidar(settings, prepared.scans), tuple(unused))

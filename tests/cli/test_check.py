@@ -59,6 +59,7 @@ def verdicts(*words: str | Path) -> dict[str, dict[str, Any]]:
     """Returns the findings of a check by name, and checks that the exit code says whether one is suspicious."""
     shown = mqslam("check", *words, "--json")
     answer = json.loads(shown.out)
+    assert 0 < answer["read"] <= answer["scans"]
     assert shown.code == int(answer["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in answer["checks"]))
     return {check["name"]: check for check in answer["checks"]}
 

@@ -131,10 +131,13 @@ def test_a_batch_runs_a_lidars_recording(rooms: tuple[Path, Trajectory], tmp_pat
     short = [line for line in rooms[0].read_text().splitlines(keepends=True)][:120]
     (tmp_path / "short.log").write_text("".join(short))
     (tmp_path / "runs.yaml").write_text(
-        "runs:\n  - data: short.log\n  - {data: short.log, name: wheels, frontend: odometry}\n"
+        "runs:\n  - data: short.log\n"
+        "  - {data: short.log, name: wheels, frontend: odometry, set: {sensor.range_offset_m: 0.1}}\n"
     )
     result = run_batch(tmp_path / "runs.yaml", tmp_path / "out")
     assert [run["failure"] for run in result.summary["runs"]] == [None, None]
+    idle = "the recording is a lidar's, on which settings of radars have no effect: sensor.range_offset_m"
+    assert {run["name"]: idle in run["warnings"] for run in result.summary["runs"]} == {"short.log": False, "wheels": True}
     for name in ("short.log", "wheels"):
         assert len(read_tum(tmp_path / "out" / name / "trajectory.tum")) == 60
 
