@@ -174,7 +174,8 @@ SUMMARY = _SHARED | {
     **_put("evaluation.", _describe_errors()),
     "evaluation_odometry": "the same errors of the trajectory before optimisation, or null",
     **_put("evaluation_odometry.", _describe_errors()),
-    "runtime_s.STAGE": "time that a stage of the run took [s]; `total` is all of it",
+    "runtime_s.STAGE": "time that a stage of the run took [s]; `total` is all of it. For a resumed run, the time since "
+    "it was resumed",
     "peak_rss_mb": "largest memory of the run and its processes [MB]",
     "run_key": "a string that changes with recording, settings, front end and sensors",
 }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mqslam.cli.options import Options, command, complete_config, option, state_topics
+from mqslam.cli.run import describe_pace
 from mqslam.cli.terminal import Terminal, echo
 
 if TYPE_CHECKING:
@@ -92,9 +93,7 @@ def _tabulate(summary: dict[str, Any]) -> Table:
     if summary["evaluation"]:
         table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")
     dataset, total = summary["dataset"], summary["runtime_s"]["total"]
-    speed = dataset["duration_s"] / max(total, 1e-9)
-    table.caption = Text(
-        f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; {total:.1f} s of computing, {speed:.1f} times real time"
-    )
+    pace = describe_pace(dataset["duration_s"], total)
+    table.caption = Text(f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; {total:.1f} s of computing, {pace}")
     table.caption_justify = "left"
     return table

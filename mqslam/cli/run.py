@@ -155,10 +155,9 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
 
 
 def describe_pace(driven_s: float, computed_s: float) -> str:
-    """Describes the speed of a run as a multiple of real time, or of a slow run by seconds of computing per second."""
-    if computed_s > driven_s:
-        return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
-    return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"
+    """Describes the speed of a run as a multiple of real time, of a slow run by a number below 1."""
+    ratio = driven_s / max(computed_s, 1e-9)
+    return f"{ratio:{'.1f' if ratio >= 1.0 else '.2g'}} times as fast as real time"
 
 
 def _format(value: float | None, form: str) -> str:

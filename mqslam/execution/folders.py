@@ -26,6 +26,7 @@ _RESULTS = """
     audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
     map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy figure2.png figure3.png boreas-*.txt
 """
+_SUMMARIES = ("summary.json", "audit.json", "compare.json")  # of the commands that can be resumed
 _ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of `compare`
 _RECORDINGS = """
     radar.timestamps radar/*.png gt/radar_odometry.csv gt/poses_tum.txt odom.csv imu.csv gnss.csv recording.json
@@ -186,7 +187,9 @@ def _check_free(out: Path, *, force: bool, resume: bool) -> None:
     is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)
     if is_in_use or (out.exists() and not out.is_dir()):
         remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
-        raise OutputError(f"{out}: exists already", remedy)
+        is_finished = resume and not unfinished and any((out / name).is_file() for name in _SUMMARIES)
+        what = " and holds a finished result, so that there is nothing to resume" if is_finished else ""
+        raise OutputError(f"{out}: exists already{what}", remedy)
 
 
 def check_writable(out: Path) -> None:

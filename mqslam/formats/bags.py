@@ -91,7 +91,12 @@ def explain_packed(path: Path) -> DataError | None:
         return DataError(
             path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
         )
-    return DataError(path, "is packed", f"{unpack}, and give its content")
+    logs = (
+        "; only CARMEN logs are read packed, if their names end in .log.gz or .clf.gz"
+        if packed["how"] == "gz" and not packed["what"]
+        else ""
+    )
+    return DataError(path, "is packed", f"{unpack}, and give its content{logs}")
 
 
 def recognises(path: Path) -> bool:

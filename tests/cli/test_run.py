@@ -299,7 +299,7 @@ def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path,
 def test_a_finished_run_is_not_resumed(street: Path, result: Path) -> None:
     before = read_contents(result)
     shown = mqslam("run", street, "--out", result, "--resume")
-    assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
+    assert shown.code == 2 and "exists already and holds a finished result" in shown.err and "--resume" not in shown.err
     assert read_contents(result) == before
 
 

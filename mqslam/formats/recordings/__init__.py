@@ -137,9 +137,11 @@ def _guess_layout(path: Path) -> Layout:
         raise OfLidarError(path)
     if packed := explain_packed(path):
         raise packed
+    logs = sorted(file.name for file in path.iterdir() if carmen.recognises(file)) if path.is_dir() else []
     raise DataError(
         path,
         "is no recording in a known layout",
         f"{Remedy.NAME_LAYOUT} ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, sensor_data/radar/polar or "
-        "Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz",
+        "Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz"
+        + (f", or {logs[0]} in it, if this is a lidar's log" if logs else ""),
     )

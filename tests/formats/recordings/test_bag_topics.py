@@ -172,6 +172,10 @@ def test_two_radars_of_the_same_name_are_to_be_told_apart(tmp_path: Path) -> Non
         ("drive.bag.zst", "is packed; unpack it, for example by 'zstd -d FILE', and give its content"),
         ("drive.bag.gz", "is packed; unpack it, for example by 'gunzip FILE', and give its content"),
         ("drive.tar.gz", "is packed; unpack it, for example by 'gunzip FILE', and give its content"),
+        (
+            "log.gz",
+            "is packed; unpack it, for example by 'gunzip FILE', and give its content; only CARMEN logs are read packed",
+        ),
         ("DRIVE.ZIP", "is packed; unpack it, for example by 'unzip FILE', and give its content"),
     ],
 )
