@@ -32,7 +32,7 @@ from mqslam.errors import (
     suggest,
     untrusted,
 )
-from mqslam.execution.folders import claim_folder
+from mqslam.execution.folders import CHECKPOINT, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.report.batch_page import write_batch_page
@@ -292,7 +292,7 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
         kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it
         if kept is not None:
             return kept
-        if not terms.force and (out / "summary.json").exists():
+        if not terms.force and (out / "summary.json").exists() and not (out / CHECKPOINT).is_dir():
             _open_order(order)  # raises what is wrong with the entry, which is the better reason
             problem = "holds a run of another recording, with other sensors or settings, or by another version of mqslam"
             raise OutputError(f"{out}: exists already; it {problem}", Remedy.REMOVE_ONE_OR_REPLACE_ALL)
