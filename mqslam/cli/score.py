@@ -10,6 +10,8 @@ from mqslam.cli.terminal import Terminal, echo, format_rows
 if TYPE_CHECKING:
     from mqslam.core import se2
 
+_AT_REST = "this is the minimum nearest to the given motion"
+_MOVING = "the search for it was still moving after its last step; give the motion below as --motion to continue"
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 _VARIANT: Options = {
     "temporal": option(
@@ -36,7 +38,7 @@ _OWN: Options = {
     "start": option(float, ..., r"The window begins with the first scan at or after this time \[s since DATA begins]."),
     "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
     "revolutions": option(int, 3, "Length of the window, in scans.", min=2),
-    "minimise": flag("Estimate the motion as well, starting from the given one.", "--minimise"),
+    "minimise": flag("Also search the minimum nearest to the given motion, which must be near the true one.", "--minimise"),
     **_VARIANT,
 }
 
@@ -50,7 +52,7 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
     """Compute psi, the score of a map, for a window (several consecutive scans) under a motion.
 
     The result holds the published psi with its parts, and the psi that the estimator minimises. Ranges are corrected for the
-    Doppler shift if the settings state it, as --config oxford does.
+    Doppler shift only if the settings state it, as --config oxford does; this command does not measure it.
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
@@ -58,6 +60,7 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
 
     variant = {name: given.pop(name) for name in _VARIANT}
     scores = score_window(motion=parse_motion(motion), scans=revolutions, variant=variant, **given)
+    terminal.print_notes(scores["notes"])
     terminal.print_results(scores, lambda: echo(_format_results(scores)))
 
 
@@ -85,6 +88,7 @@ def parse_motion(text: str) -> se2.Array:
 def _format_results(scores: dict[str, Any]) -> str:
     """Returns the scores of a window as text, given what `score_window` returned."""
     window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
+    beta = scores["doppler_beta"]
     rows = [
         (
             "window",
@@ -92,12 +96,12 @@ def _format_results(scores: dict[str, Any]) -> str:
             f"{window['points']} points",
         ),
         ("motion", _format_motion(scores["motion"])),
-        ("doppler", f"{scores['doppler_beta']:g} s"),
+        ("doppler", f"{beta:g} s" if beta else "0 s: ranges are not corrected, because the settings state no shift"),
         ("", ""),
         ("published psi", f"{published['psi']:.6g}, {published['psi_per_point']:.6g} per point"),
         ("  pair sum (4)", f"{published['pair_sum']:.6g} over {published['pairs']} pairs"),
         ("  charge", f"{published['charge']:.6g} for points without a pair"),
-        ("  matched", f"{published['matched']:.1%} of the points"),
+        ("  matched", _format_matched(published)),
         ("  gradient", _format_gradient(published["gradient"])),
         (
             "  variant",
@@ -105,19 +109,25 @@ def _format_results(scores: dict[str, Any]) -> str:
             f"unmatched {variant['unmatched']:g}",
         ),
         ("estimator's psi", f"{estimator['psi']:.6g}, {estimator['psi_per_point']:.6g} per point"),
-        ("  matched", f"{estimator['matched']:.1%} of the points"),
+        ("  matched", _format_matched(estimator)),
         ("  gradient", _format_gradient(estimator["gradient"])),
     ]
     if "minimised" in scores:
         best = scores["minimised"]
+        status = best["status"] if best["settled"] or best["status"] != "converged" else "not finished"
         rows += [
             ("", ""),
-            ("minimised", best["status"]),
+            ("minimised", f"{status}: {_AT_REST if best['settled'] else _MOVING}"),
             ("  motion", _format_motion(best["motion"], best["standard_deviation"])),
             ("  estimator's", f"psi {estimator['psi']:.6g} before, {best['estimator']['psi']:.6g} after"),
             ("  published", f"psi {published['psi']:.6g} before, {best['published']['psi']:.6g} after"),
         ]
     return format_rows(rows, 17)
+
+
+def _format_matched(score: dict[str, Any]) -> str:
+    """Returns the share of the points that have a neighbour, with the distance within which neighbours count."""
+    return f"{score['matched']:.1%} of the points have a neighbour within {score['radius_m']:g} m"
 
 
 def _format_motion(motion: dict[str, float], deviations: dict[str, float] | None = None) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from mqslam.commands.inputs import open_data
 from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, change_config, load_config
 from mqslam.core import se2
+from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
@@ -41,15 +42,17 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         motion: constant twist of the sensor: (2,) v forward [m/s], omega [rad/s], or (3,) vx forward, vy to the left, omega.
         scans: number of scans in the window.
         variant: values that replace `temporal`, `numerator`, `factor` and `unmatched` of the settings; None keeps a setting.
-        minimise: whether the motion is estimated as well, starting from the given motion.
+        minimise: whether the motion is estimated as well. The search finds the minimum nearest to the given motion.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 
     Returns:
-        A dict with `window`, `doppler_beta` [s], `variant`, `motion`, `published` (psi with its parts) and `estimator` (the
-        estimator's psi). With `minimise` it also holds `minimised`: the estimated motion and both scores there.
+        A dict with `notes` on how the recording was read, `window`, `doppler_beta` [s] (0 if the settings state none),
+        `variant`, `motion`, `published` (psi with its parts) and `estimator` (the estimator's psi). Each score holds the
+        radius [m] within which it looks for neighbours. With `minimise` the dict also holds `minimised`: the estimated
+        motion, whether the search came to rest there (`settled`), its status, and both scores.
 
     Raises:
         ConfigError: the variant has an unknown value, or the recording does not hold the window.
@@ -65,6 +68,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     revolution_s, estimator = recording.revolution_s, settings.estimator
     window = Window(returns, t0, kernel_of(estimator, revolution_s), estimator, beam_of(estimator, beta))
     tree: dict[str, Any] = {
+        "notes": list(recording.notes),
         "window": {"t0": t0, "revolutions": scans, "revolution_s": revolution_s, "points": len(returns)},
         "doppler_beta": beta,
         "variant": settings.psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
@@ -74,7 +78,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     if minimise:
         twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
         best = window.estimate(twist, model)
-        tree["minimised"] = _describe_estimate(best, model) | _score_motion(window, best.theta, model, settings.psi)
+        tree["minimised"] = _describe_estimate(window, best, model) | _score_motion(window, best.theta, model, settings.psi)
     return tree
 
 
@@ -122,6 +126,7 @@ def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant:
             "pair_sum": whole.pairs_psi,
             "charge": whole.charge,
             "pairs": whole.pairs,
+            "radius_m": variant.s,
             "matched": float(whole.matched.mean()),
             "psi_per_point": whole.psi / count,
             "gradient": dict(zip(model.parameters, whole.gradient.tolist(), strict=True)),
@@ -129,17 +134,26 @@ def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant:
         "estimator": {
             "psi": own.psi,
             "psi_per_point": own.psi / count,
+            "radius_m": window.config.s,
             "matched": float(own.matched.mean()),
             "gradient": dict(zip(model.parameters, (2.0 * own.gradient).tolist(), strict=True)),
         },
     }
 
 
-def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
-    """Returns the estimated motion with its standard deviations and status as a dict."""
+def _describe_estimate(window: Window, best: WindowMotion, model: MotionModel) -> dict[str, Any]:
+    """Returns the estimated motion with its standard deviations and status as a dict.
+
+    The status is degenerate also if the points can move by more than the widest scale of the score, as RMS of one standard
+    deviation: then the place where the search ended says nothing about the motion.
+    """
     deviations = best.covariance.diagonal() ** 0.5
+    jacobians = window.render(best.theta, model).jacobians
+    move_m = np.einsum("nip,pq,niq->n", jacobians, best.covariance, jacobians).mean() ** 0.5
+    unknown = best.status is Status.CONVERGED and move_m > window.config.s_start
     return {
         "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),
         "standard_deviation": dict(zip(model.parameters, deviations.tolist(), strict=True)),
-        "status": best.status.value,
+        "settled": best.minimum.converged,
+        "status": (Status.DEGENERATE if unknown else best.status).value,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from support.commands import mqslam, read_contents
 
+from mqslam.commands.score import _describe_estimate
 from mqslam.config import Config, PsiConfig
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
@@ -94,6 +96,28 @@ def test_a_person_reads_the_parts_and_the_variant(street: Path) -> None:
         assert words in result.out
     for words in ("estimator's psi", "minimised", "+-", "before", "after", "converged"):
         assert words in result.out
+
+
+def test_a_person_reads_which_minimum_is_found_and_within_what_radius_points_match(street: Path) -> None:
+    out = mqslam("score", street, "--start", 2.0, "--motion", "9,0", "--minimise").out
+    assert "the minimum nearest to the given motion" in out and "the settings state no shift" in out
+    assert "have a neighbour within 2 m" in out and "have a neighbour within 0.6 m" in out
+    assert "0.01 s" in mqslam("score", street, "--start", 2.0, "--motion", "9,0", "--set", "sensor.doppler_beta=0.01").out
+
+
+def test_a_search_that_runs_out_of_steps_says_so(street: Path) -> None:
+    words = ("--start", 2.0, "--motion", "4,0", "--minimise")
+    assert shown(street, *words)["minimised"]["settled"] is False
+    assert "still moving after its last step" in mqslam("score", street, *words).out
+
+
+def test_a_covariance_that_leaves_the_motion_open_is_degenerate(street: Path) -> None:
+    config = Config().estimator
+    seen = Window(window(street, 8, 3), 2.0, kernel_of(config, TURN_S), config, BEAM)
+    best = seen.estimate(np.array([SPEED, 0.0, 0.0]), CONSTANT_VELOCITY)
+    assert _describe_estimate(seen, best, CONSTANT_VELOCITY)["status"] == "converged"
+    wide = replace(best, covariance=np.diag([12.0, 0.3]) ** 2)
+    assert _describe_estimate(seen, wide, CONSTANT_VELOCITY)["status"] == "degenerate"
 
 
 def test_a_motion_may_begin_with_a_minus(street: Path) -> None:
