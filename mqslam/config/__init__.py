@@ -121,7 +121,9 @@ class DetectorConfig(Section):
 
 
 class PsiConfig(Section):
-    """Parameters of the published score, named as in the paper. The paper gives no values: the defaults are ours.
+    """Parameters of the published score, which only the command score takes: a run minimises the estimator's score.
+
+    They are named as in the paper. The paper gives no values: the defaults are ours.
 
     Source: "Motion Estimation from Map Quality with Millimeter Wave Radar".
     """
