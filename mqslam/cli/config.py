@@ -22,7 +22,7 @@ _DIFF: Options = {
     "name": argument(
         str, ..., "NAME", "A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
     ),
-    "other": argument(str | None, None, "OTHER", "The settings to compare NAME with; the defaults if not given."),
+    "other": argument(str | None, None, "OTHER", "The settings to compare NAME with."),
     "everything": flag("Also list the settings that a lidar's run has taken from its recording.", "--all"),
 }
 
@@ -51,6 +51,7 @@ def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
 def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) -> None:
     """Show which settings of a file differ from the defaults, or from the settings of another file.
 
+    The value on the left of an arrow is that of the defaults, or of NAME if OTHER is given; as in `diff`, the first is left.
     A lidar's run takes many settings, such as lengths, from its recording. These settings are listed only with --all or
     --json.
 
@@ -60,7 +61,8 @@ def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) 
     from mqslam.config import load_config
     from mqslam.core.wording import count_of
 
-    changes = sort_changes(load_config(other), load_config(name))
+    first, second = (None, name) if other is None else (name, other)
+    changes = sort_changes(load_config(first), load_config(second))
     if terminal.as_json:
         listed = [*changes.own, *changes.followed]
         typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in listed}, indent=1))
@@ -68,6 +70,8 @@ def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) 
     for key, before, after in changes.own:
         typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
     if changes.unit_m is None:
+        if not changes.own:
+            typer.echo("the same")
         return
     number = count_of(len(changes.followed), "more setting")
     hint = "" if everything else "; --all lists them"

@@ -431,6 +431,8 @@ def read_tree(source: Path | str) -> dict[str, Any]:
             content: str | bytes = untrusted.read_document(path, untrusted.YAML_BYTES)
         elif shipped.is_file():
             content = shipped.read_bytes()
+        elif path.is_dir():
+            raise ConfigError(f"{source}: is a folder; give a YAML file, such as the config.yaml in it that a run writes")
         else:
             raise ConfigError(f"{source}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
     except UnicodeDecodeError as error:

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from mqslam.errors import ConfigError, suggest, untrusted
+from mqslam.errors import ConfigError, find_near, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
 _NAMED: Final = 5  # largest number of unknown settings that an error names
@@ -64,11 +64,22 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
         return f"unknown settings {', '.join(unknown[:_NAMED])}{others}; correct them, or leave them out: {_FORMER}"
     if unknown:
         (loc,) = (fault["loc"] for fault in faults if fault["type"] == "extra_forbidden")
-        hint = suggest(str(loc[-1]), _list_settings(model, loc[:-1]))
-        return f"unknown setting {unknown[0]}; {hint}{' Or' if hint.endswith('?') else ', or'} leave it out: {_FORMER}"
+        name, known = str(loc[-1]), _list_settings(model, loc[:-1])
+        hint = suggest(name, known)
+        if len(loc) == 1 and find_near(name, known) is None and (inside := _find_inside(model, name)):
+            hint = f"did you mean {' or '.join(inside)}?"
+        return f"unknown setting {unknown[0]}; {hint}" + ("" if hint.endswith("?") else f", or leave it out: {_FORMER}")
     where = ".".join(map(str, faults[0]["loc"]))
     said = _PLAIN.get(faults[0]["type"], faults[0]["msg"].removeprefix("Value error, "))  # pydantic puts this before ours
     return f"{where}: {said.replace('Input should be', 'must be')}"
+
+
+def _find_inside(model: type[BaseModel], name: str) -> list[str]:
+    """Returns the settings, as section.name, whose name is the given one, or else resembles it the most."""
+    sections = {key: field.annotation for key, field in model.model_fields.items()}
+    inside = {key: list(kind.model_fields) for key, kind in sections.items() if hasattr(kind, "model_fields")}
+    near = find_near(name, sorted({setting for names in inside.values() for setting in names}))
+    return [f"{key}.{near}" for key, names in inside.items() if near in names]
 
 
 def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:

@@ -87,6 +87,9 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
+        ("threshold: 60", "unknown setting threshold; did you mean detector.threshold?"),
+        ("beta_s: 60", "unknown setting beta_s; did you mean psi.beta_s or estimator.beta_s?"),
+        ("treshold: 60", "unknown setting treshold; did you mean detector.threshold?"),
         ("map: {cell_m: -1}", "map.cell_m: must be greater than 0"),
         ("map: {cell_m: wide}", "map.cell_m: must be a valid number"),
         ("map: {stop_s: 3, cell_m: -1}", "unknown setting map.stop_s; choose one of cell_m, or leave it out"),
@@ -120,6 +123,16 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_name_is_answered_with_the_nearest_or_all_that_ship(name: str, remedy: str) -> None:
     with pytest.raises(ConfigError, match=f"^{name}: no such configuration and no such file; {remedy}"):
         load_config(name)
+
+
+def test_a_folder_is_no_configuration(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is a folder; give a YAML file, such as the config.yaml in it"):
+        load_config(tmp_path)
+
+
+def test_only_an_unknown_setting_that_resembles_none_may_be_left_out(tmp_path: Path) -> None:
+    assert "leave it out" not in refusal(tmp_path, "detector: {treshold: 60}")
+    assert "leave it out: most settings of former versions" in refusal(tmp_path, "map: {stop_s: 3}")
 
 
 def test_settings_do_not_change_after_they_were_read() -> None:
@@ -176,10 +189,11 @@ def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
     ]
     against = json.loads(mqslam("config", "diff", tmp_path / "mine.yaml", "oxford", "--json").out)
     assert against == {
-        "sensor.range_resolution_m": {"from": 0.0438, "to": None},
-        "tracker.sigma_alpha": {"from": Config().tracker.sigma_alpha, "to": 0.3},
+        "sensor.range_resolution_m": {"from": None, "to": 0.0438},
+        "tracker.sigma_alpha": {"from": 0.3, "to": Config().tracker.sigma_alpha},
     }
-    assert mqslam("config", "diff", "default").out == ""
+    assert mqslam("config", "diff", "default").out == "the same\n"
+    assert json.loads(mqslam("config", "diff", "default", "--json").out) == {}
     wrong = mqslam("config", "diff", "oxfrod")
     assert wrong.code == 2 and "oxfrod: no such configuration and no such file; did you mean oxford?" in wrong.err
 
