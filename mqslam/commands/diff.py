@@ -90,7 +90,9 @@ def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
     return _list_changes(*(dict(_flatten(read_tree(file))) for file in files))
 
 
-def _find_other_returns(results: Sequence[Result], settings: Given, options: Given) -> str | None:
+def _find_other_returns(
+    results: Sequence[Result], settings: dict[str, list[Any]], options: dict[str, list[Any]]
+) -> str | None:
     """Finds out why psi of two results does not compare: the maps hold other returns, or are scored by other settings.
 
     Args:
@@ -103,8 +105,10 @@ def _find_other_returns(results: Sequence[Result], settings: Given, options: Giv
     """
     chosen = [name for name in settings if name.partition(".")[0] in _OF_RETURNS and name not in _NOT_OF_RETURNS]
     chosen += [name for name in options if name == _LENGTH_OF_BINS]
-    if chosen:
+    if any(None not in (settings | options)[name] for name in chosen):
         return f"the maps are made or scored by different settings ({', '.join(chosen)})"
+    if chosen:
+        return f"only one of the results states {', '.join(chosen)}: the other took it from the recording, or a default"
     a, b = (_describe_scans(result) for result in results)
     return None if a == b else "the maps are of different scans"
 

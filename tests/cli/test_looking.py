@@ -148,6 +148,10 @@ def test_diff_says_why_psi_does_not_compare(finished: Path, other: Path) -> None
     assert "psi.per_point" not in shown
     reason = "the maps are made or scored by different settings (detector.threshold)"
     assert f"psi: not compared, because {reason}; psi compares maps of the same returns\n" in shown
+    settings = (finished / "config.yaml").read_text()
+    (other / "config.yaml").write_text(settings.replace("clockwise: null", "clockwise: true"))
+    reason = "only one of the results states sensor.clockwise: the other took it from the recording, or a default"
+    assert f"psi: not compared, because {reason}; psi compares" in mqslam("diff", finished, other).out
     shutil.copy(finished / "config.yaml", other)
     found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
     assert found["psi_not_compared"] is None and "psi.per_point_optimised" in found["figures"]
