@@ -125,6 +125,12 @@ def _stood_still(run: Run) -> bool:
     return len(moved) > 1 and moved.sum() == 1
 
 
+def _left_as_it_was(run: Run) -> bool:
+    """Returns whether optimisation left every position where it was."""
+    a, b = run.odometry, run.optimised
+    return bool(np.array_equal(a.stamps_us, b.stamps_us) and np.all(np.abs(a.poses - b.poses)[:, :2] < _SAME_PATH_M))
+
+
 def _describe_errors(errors: Mapping[str, Any]) -> str:
     """Returns the errors against ground truth, given as in summary.json, in words; an empty text for an empty mapping."""
     drift = f", drift {format_value(errors['drift_percent'])} %" if errors.get("drift_percent") is not None else ""
@@ -150,8 +156,7 @@ def _show_maps(run: Run, sensor: str) -> Section:
             f"The {sensor} stood still, so the optimised map holds the returns of one scan only. "
             "No other scan can match them, and ψ, which charges every point without a match, is not judged."
         ]
-    a, b = run.odometry, run.optimised
-    if np.array_equal(a.stamps_us, b.stamps_us) and np.all(np.abs(a.poses - b.poses)[:, :2] < _SAME_PATH_M):
+    if _left_as_it_was(run):
         notes.append(
             "Optimisation left the trajectory as it was, so both maps are the same: "
             f"nothing in the graph contradicted {run.before}."
@@ -300,7 +305,9 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
 
 def _show_windows(run: Run) -> list[Place]:
     """Returns for each judged window the text and the close views that a click on the window shows."""
-    shown = ((run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised))
+    shown = [(run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised)]
+    if _left_as_it_was(run):
+        del shown[0]  # both views would be the same
     views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in shown]
     places = []
     for k, window in enumerate(run.checks):
@@ -404,9 +411,13 @@ def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], b
 
 
 def _chart_correction(run: Run) -> list[Figure]:
-    """Returns a chart of how far optimisation moves each pose; an empty list if odometry does not cover all poses."""
+    """Returns a chart of how far optimisation moves each pose.
+
+    The list is empty if odometry does not cover all poses, or if optimisation moved none, since a chart of rounding errors
+    would look like drift.
+    """
     stamps, after = run.optimised.stamps_us, run.optimised.poses
-    if not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
+    if _left_as_it_was(run) or not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
         return []
     poses = run.odometry.at(stamps)
     before = se2.compose(se2.compose(after[0], se2.inverse(poses[0])), poses)

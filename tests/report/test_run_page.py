@@ -165,6 +165,16 @@ def test_without_truth_and_covariances_what_is_known_along_the_path_remains() ->
     assert chart_path(a_run(optimised=along(1.0, 1)), None) is None
 
 
+def test_a_run_that_optimisation_left_as_it_was_shows_no_correction_and_each_place_once(tmp_path: Path) -> None:
+    same = along(1.0)
+    off = replace(same, poses=same.poses + 1e-13)
+    section = chart_path(a_run(odometry=off, optimised=same), None)
+    assert section is not None and "Correction over distance" not in {figure.heading for figure in section.figures}
+    write_run(tmp_path, odometry=circle(42.0), optimised=circle(42.0))
+    views = {tuple(view["name"] for view in place["views"]) for place in scene_of(tmp_path)["places"]}
+    assert views == {("optimised",)}
+
+
 def test_a_line_stands_above_the_map_and_the_rest_unfolds(pages: dict[str, Path]) -> None:
     page = (pages["run"] / "report.html").read_text(encoding="utf-8")
     head = page[page.index('<section class="live">') : page.index('<div id="legend"')]
