@@ -94,6 +94,6 @@ def _tabulate(summary: dict[str, Any]) -> Table:
         table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")
     dataset, total = summary["dataset"], summary["runtime_s"]["total"]
     pace = describe_pace(dataset["duration_s"], total)
-    table.caption = Text(f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; {total:.1f} s of computing, {pace}")
+    table.caption = Text(f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; computed in {total:.1f} s, {pace}")
     table.caption_justify = "left"
     return table

@@ -53,16 +53,7 @@ def run(
 
     with open_watch(live, force=force) as watch, terminal.open_work(watch) as work:
         result = do(config=config, force=force, work=work, **given)
-    summary = result.summary
-
-    def show() -> None:
-        if config.sensor.doppler_beta is None and summary["doppler_beta"]:
-            shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
-            causes = "a wrong length of range bins or a range offset may contribute to this value"
-            terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {causes}"])
-        print_run(terminal, result)
-
-    terminal.print_results(summary, show)
+    terminal.print_results(result.summary, lambda: print_run(terminal, result))
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
@@ -144,7 +135,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     dataset, runtime = summary["dataset"], summary["runtime_s"]
     table.caption = Text(
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
-        f"{runtime['total']:.1f} s of computing, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
+        f"computed in {runtime['total']:.1f} s, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(
             f"{name}: {text}"
             for name, text in [*format_verdict(summary), ("last pose", describe_last_pose(summary["last_pose"]))]

@@ -76,7 +76,7 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on sensors in use and on the radar's mount and ranges, and the warning of `_doubt_sensors`, if any.
+    """Returns the notes on the Doppler shift, the sensors in use and the radar's mount and ranges, and `_doubt_sensors`'s.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 
@@ -88,7 +88,17 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
     found = (part for part in parts if part is not None and part.get("used", True))
     used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
     statements = [statement for part in found for statement in part["statements"]]
-    return statements + _doubt_sensors(summary, used)
+    return _describe_doppler(summary) + statements + _doubt_sensors(summary, used)
+
+
+def _describe_doppler(summary: Mapping[str, Any]) -> list[str]:
+    """Returns a note, in a list, on the Doppler shift that a run measured; empty if the shift was stated or is unknown."""
+    beta, sigma = summary.get("doppler_beta"), summary.get("doppler_sigma")
+    if not beta or not sigma:
+        return []
+    shift = f"{beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed"
+    causes = "a wrong length of range bins or a range offset may contribute to this value"
+    return [f"the Doppler shift, as psi measured it, is {shift}; {causes}"]
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:

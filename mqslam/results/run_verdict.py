@@ -275,7 +275,7 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
     """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
-    unchecked = "neither odometry nor GNSS shows enough to check it"
+    unchecked = "neither odometry nor GNSS in use shows enough to check it"
     if not recording.range_resolution:
         return [f"the scale of the map rests on the ranges that the lidar measures: {unchecked}"]
     known = "assumed" if recording.is_resolution_assumed else "stated"

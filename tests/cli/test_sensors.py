@@ -91,7 +91,7 @@ def test_what_is_told_of_a_sensors_file_is_printed_once(street: Path, quick: Pat
     shown = mqslam("run", street, *words, "--imu", tmp_path / "degrees.csv", "--gnss", tmp_path / "log.nmea")
     assert shown.code == 0, shown.err
     lines = shown.err.splitlines() + (tmp_path / "out" / "run.log").read_text().splitlines()
-    for told in ("log.nmea states no date", "and look like degrees per second", "is not used: "):
+    for told in ("log.nmea states no date", "and look like degrees per second", "is not used in the graph: "):
         found = [line for line in lines if told in line]
         assert len(found) == 2 and found[0] == found[1], found
 

@@ -41,5 +41,11 @@ def test_a_map_that_is_not_passed_and_was_crisper_without_the_sensors_says_so(
     assert all(note.endswith(f"a run without {named}") for note in doubts)
 
 
+def test_a_doppler_shift_that_was_measured_is_noted_and_one_that_was_stated_is_not() -> None:
+    (note,) = list_sensor_notes({"doppler_beta": 0.0448, "doppler_sigma": 0.0062})
+    assert note.startswith("the Doppler shift, as psi measured it, is 0.0448 ± 0.0062 m of range per m/s")
+    assert list_sensor_notes({"doppler_beta": 0.049, "doppler_sigma": 0.0}) == []
+
+
 def test_words_are_joined_as_a_sentence_lists_them() -> None:
     assert [join_words(list(words)) for words in ("", "a", "ab", "abc")] == ["", "a", "a and b", "a, b and c"]

@@ -410,7 +410,8 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     start = find_start(gyroscope, start_us, turns) if len(motions) else None
 
     def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
-        return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), None, rotation)
+        statement = f"the gyroscope ({gyroscope.source}) is not used in the graph: {why}"
+        return GyroscopeUse(gyroscope.source, (statement,), None, rotation)
 
     if len(gyroscope) and not np.ptp(gyroscope.rates, axis=0).any():
         return refuse("its readings never change")

@@ -93,7 +93,7 @@ def test_what_is_wrong_all_the_time_is_put_right_and_said(unit: Unit, said: str)
 def test_a_gyroscope_that_contradicts_the_radar_is_refused_and_said(unit: Unit, why: str) -> None:
     use = joined(unit)
     assert use.edges is None
-    assert use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
+    assert use.statements[0].startswith("the gyroscope (imu.csv) is not used in the graph: ")
     assert re.search(why, use.statements[0]), use.statements
 
 
@@ -110,7 +110,7 @@ def test_a_gyroscope_that_covers_too_little_is_refused(first: int, last: int) ->
     shift = 1_000_000_000 if first else 0
     part = Gyroscope(whole.stamps_us[: last - first] + shift, whole.rates[: last - first], "imu.csv")
     use = join_gyroscope(part, START_US, measured(800), DRIFT)
-    assert use.edges is None and use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
+    assert use.edges is None and use.statements[0].startswith("the gyroscope (imu.csv) is not used in the graph: ")
 
 
 def test_a_drive_straight_on_shows_nothing_of_a_gyroscope() -> None:
