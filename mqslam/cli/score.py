@@ -60,7 +60,8 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
 
     variant = {name: given.pop(name) for name in _VARIANT}
     scores = score_window(motion=parse_motion(motion), scans=revolutions, variant=variant, **given)
-    terminal.print_notes(scores["notes"])
+    if not terminal.quiet:
+        terminal.print_notes(scores["notes"])
     terminal.print_results(scores, lambda: echo(_format_results(scores)))
 
 

@@ -207,8 +207,13 @@ class _Stages:
         self._rounds: dict[str, int] = {}
 
     def update(self, stage: str, done: int, total: int) -> Task:
-        """Sets how many steps of a stage are done, and returns the task of the stage with the rate so far."""
-        title, noun = _STAGES.get(stage, (stage, "item"))
+        """Sets how many steps of a stage are done, and returns the task of the stage with the rate so far.
+
+        The stage may name a row of a comparison, as in `audit: psi`.
+        """
+        kind, _, row = stage.partition(": ")
+        title, noun = _STAGES.get(kind, (kind, "item"))
+        title = f"{title} of {row}" if row else title
         if stage not in self._tasks:
             number = self._bars.add_task(title, total=total, rate="")
             self._tasks[stage] = self._bars.tasks[self._bars.task_ids.index(number)]

@@ -119,7 +119,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
     undecided = f"{join_words(names)} cannot be told apart"
     if not ties:
         undecided += ": no error, share or verdict is known for all of them"
-    return Best(names, None, " ".join([f"{undecided}.", *map(_explain, ties)]))
+    return Best(names, None, " ".join([f"{undecided}.", *map(_explain, ties), *_explain_verdicts(left)]))
 
 
 def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
@@ -154,6 +154,15 @@ _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
     "share of torn revisits": lambda row: _state_share(row.name, row.revisits),
     "verdict": lambda row: _state_verdict(row.name, row.verdict),
 }
+
+
+def _explain_verdicts(rows: Sequence[Standing]) -> list[str]:
+    """Returns a sentence, in a list, on why verdicts do not decide: only some rows are judged; else an empty list."""
+    unjudged = [row.name for row in rows if row.verdict is VerdictStatus.NOT_JUDGED]
+    if not unjudged or len(unjudged) == len(rows):
+        return []
+    others = join_words([f"{row.verdict} for {row.name}" for row in rows if row.name not in unjudged])
+    return [f"The verdict is {others}, but {join_words(unjudged)} could not be judged, so that verdicts do not decide."]
 
 
 def _explain(tie: _Tie) -> str:

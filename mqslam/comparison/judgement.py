@@ -161,7 +161,7 @@ class Judge:
         settings: all settings.
         beam: the sensor's errors.
         engine: where rows are judged; the result does not depend on it.
-        progress: called as the audits go on.
+        progress: called as the audits go on, with stages such as `audit: psi`, which name the row.
     """
 
     scans: Scans
@@ -196,6 +196,10 @@ class Judge:
         """Judges a row that has a trajectory; without ground truth, the errors and the NEES are None."""
         assert row.trajectory is not None and row.odometry is not None
         scans, truth, beam, engine = self.scans, self.truth, self.beam, self.engine
+
+        def show(stage: str, done: int, total: int) -> None:
+            self.progress(f"{stage}: {row.name}", done, total)
+
         audit_config, estimator, verdict = self.settings.audit, self.settings.estimator, self.settings.verdict
         sweeps, _ = place_sweeps(scans, row.trajectory, beam)
         rendered = render(scans, sweeps.poses, estimator, beam, engine)
@@ -204,7 +208,7 @@ class Judge:
             map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
             psi_per_point=rendered.psi_per_point,
             matched=rendered.matched_share,
-            audit=audit(sweeps, audit_config, estimator, verdict, engine, self.progress),
+            audit=audit(sweeps, audit_config, estimator, verdict, engine, show),
             before=None if truth is None else evaluate(row.odometry, truth),
             after=None if truth is None else evaluate(row.trajectory, truth),
             nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),

@@ -222,7 +222,7 @@ class TrackerConfig(Section):
 
 
 class ScanMatchingConfig(Section):
-    """Settings of the front ends kiss_icp, open3d_icp, small_gicp and genz_icp, which match scans to maps of their own."""
+    """Settings of the front ends kiss_icp, open3d_icp and small_gicp, which match scans to maps of their own."""
 
     strongest: float | None = Field(
         None,

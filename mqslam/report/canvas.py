@@ -27,7 +27,7 @@ BLUE, ORANGE, GREEN, RED, VIOLET, PURPLE = "#1d5fd1", "#d9620d", "#16803c", "#c8
 GREY, TRUTH_GREY = "#7b8594", "#9aa3af"
 OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
 MAP_SHAPE, PATH_SHAPE, SQUARE = (0.5, 1.3), (1.0, 1.2), (1.0, 1.0)  # least and greatest ratio of height to width
-_SHEET_SHAPE = (0.3, 1.3)  # the same for a figure for print, which need not match other pictures
+SHEET_SHAPE = (0.3, 1.3)  # the same for a figure for print, which need not match other pictures
 DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
@@ -283,7 +283,7 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
 
     view = find_common_view(
         [*(points for points, _ in drawing.maps), *(curve.points for curve in drawing.curves)],
-        _SHEET_SHAPE,
+        SHEET_SHAPE,
         OUTERMOST if drawing.maps else 0.0,
     )
     names = [curve.name for curve in drawing.curves if curve.name]

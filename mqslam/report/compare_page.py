@@ -28,7 +28,7 @@ from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
 from mqslam.report import explorer
 from mqslam.report.canvas import (
     OUTERMOST,
-    PATH_SHAPE,
+    SHEET_SHAPE,
     SQUARE,
     TRUTH_GREY,
     Chart,
@@ -186,7 +186,7 @@ def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque:
     for k, ((name, track), motion) in enumerate(zip(tracks.items(), motions, strict=True)):
         colour, style = _style_of(k)
         curves.append(Curve(name, colour, se2.compose(motion, track.poses)[:, :2], style, 1.6))
-    return draw_world([Drawing((), curves)], PATH_SHAPE, opaque=opaque)[0]
+    return draw_world([Drawing((), curves)], SHEET_SHAPE, opaque=opaque)[0]
 
 
 def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -> tuple[list[se2.Array], Points | None]:

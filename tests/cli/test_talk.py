@@ -60,6 +60,14 @@ def test_a_run_that_is_slower_than_the_drive_says_how_long_a_second_takes(comput
     assert describe_pace(10.0, computed_s) == said
 
 
+def test_the_stages_of_a_comparison_name_the_row() -> None:
+    lines = show_stages([(0.0, "audit: psi", 0, 10), (9.0, "audit: psi", 10, 10), (20.0, "audit: kiss_icp", 10, 10)])
+    assert [line.partition(":")[0] for line in lines if "10/10" in line] == [
+        "judging windows of psi",
+        "judging windows of kiss_icp",
+    ]
+
+
 def show_stages(updates: list[tuple[float, str, int, int]]) -> list[str]:
     """Returns the lines that a terminal without bars shows, given the time of each update [s]."""
     lines, now = io.StringIO(), [0.0]

@@ -25,6 +25,17 @@ def test_the_verdict_decides_where_nothing_else_does() -> None:
     assert best.rows == ("b",) and best.sentence.startswith("b is best: its verdict is pass, against fail for a.")
 
 
+def test_a_row_that_could_not_be_judged_is_named_where_the_others_verdict_would_decide() -> None:
+    rows = [
+        Standing(name, None, None, Share(0, 6), NOTHING, status)
+        for name, status in (("psi", VerdictStatus.NOT_JUDGED), ("gps", VerdictStatus.FAIL))
+    ]
+    best = best_of(*rows)
+    assert best.rows == ("psi", "gps") and best.sentence.startswith("psi and gps cannot be told apart.")
+    said = "The verdict is fail for gps, but psi could not be judged, so that verdicts do not decide."
+    assert best.sentence.endswith(said)
+
+
 def best_of(*rows: Standing) -> Best:
     best = find_best(rows)
     assert best is not None
