@@ -37,8 +37,12 @@ def write_aside(path: Path) -> Iterator[Path]:
     The temporary file is written to the disk before it takes that name. The permissions of the file follow the user's umask.
 
     Raises:
-        OutputError: the folder cannot be written to, or the disk is full.
+        OutputError: the folder does not exist or cannot be written to, or the disk is full.
     """
+    if not path.parent.exists():
+        raise OutputError(
+            f"{path}: cannot be written, because the folder {path.parent} does not exist", Remedy.CHOOSE_OUTPUT
+        )
     with blame_output(path, "written", Remedy.CHOOSE_OUTPUT):
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         os.close(handle)

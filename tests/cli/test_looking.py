@@ -221,6 +221,8 @@ def test_plot_leaves_out_what_is_not_there(finished: Path, tmp_path: Path) -> No
 def test_plot_refuses_other_pictures_and_files_that_exist(finished: Path, tmp_path: Path) -> None:
     shown = mqslam("plot", finished, "--out", tmp_path / "map.jpg")
     assert shown.code == 2 and "end its name in .pdf, .png, .svg" in shown.err
+    shown = mqslam("plot", finished, "--out", tmp_path / "none" / "map.svg")
+    assert shown.code == 2 and f"because the folder {tmp_path / 'none'} does not exist; choose another --out" in shown.err
     (tmp_path / "map.svg").write_text("mine")
     shown = mqslam("plot", finished, "--out", tmp_path / "map.svg")
     assert shown.code == 2 and "exists already; choose another --out or give --force to replace it" in shown.err
