@@ -59,9 +59,9 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
 def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
     """Draw the paper's figures 2 and 3 from simulated drives.
 
-    All maps are scored with the charge for unmatched points, which the table calls "published, charged"; the table also has
-    the scores of figure 2 as printed. Figure 2 shows the map of a window under a bad, a better and a good motion. Figure 3 shows the maps of the three motions
-    of table I before and after motion compensation.
+    All maps are scored with the charge for unmatched points, which the table calls "published, charged". Figure 2 shows the
+    map of a window under a bad, a better and a good motion. Figure 3 shows the maps of the three motions of table I before
+    and after motion compensation.
 
     Example: mqslam paper figures --out figures
     """
