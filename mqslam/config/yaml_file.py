@@ -76,7 +76,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 def _find_inside(model: type[BaseModel], name: str) -> list[str]:
     """Returns the settings, as section.name, whose name is the given one, or else resembles it the most."""
-    sections = {key: field.annotation for key, field in model.model_fields.items()}
+    sections: dict[str, Any] = {key: field.annotation for key, field in model.model_fields.items()}
     inside = {key: list(kind.model_fields) for key, kind in sections.items() if hasattr(kind, "model_fields")}
     near = find_near(name, sorted({setting for names in inside.values() for setting in names}))
     return [f"{key}.{near}" for key, names in inside.items() if near in names]
