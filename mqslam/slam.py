@@ -5,9 +5,9 @@ recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.auditing.mending.along import straighten
@@ -19,7 +19,7 @@ from mqslam.backend.range_scale import NOT_OF_RADAR, Joined, RangeScale, join_at
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges, reckon
-from mqslam.config import Config
+from mqslam.config import Config, load_config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import LoopSearch, Measurement, Refined
@@ -46,22 +46,29 @@ class Slam:
     """The SLAM method: takes one recording through front end, pose graph and map. Every run needs a new `Slam`.
 
     Args:
-        config: all settings; None takes the defaults.
+        config: all settings, or a dict of those that differ, such as `{"detector": {"threshold": 60}}`; None takes the
+            defaults.
         frontend: name of the front end.
         runner: does and times the work, reports progress and keeps results; None works in this process, silently, and keeps
             nothing.
         strict: whether a polar scan that cannot be read stops the run instead of being left out.
 
     Raises:
-        ConfigError: there is no front end of that name, or the settings are no `Config`.
+        ConfigError: there is no front end of that name, or the settings hold a mistake.
     """
 
     def __init__(
-        self, config: Config | None = None, frontend: str = PSI, runner: Runner | None = None, *, strict: bool = False
+        self,
+        config: Config | Mapping[str, Any] | None = None,
+        frontend: str = PSI,
+        runner: Runner | None = None,
+        *,
+        strict: bool = False,
     ) -> None:
         frontends.require(frontend)
-        require_type(config, Config | None, "config", "a Config, as mqslam.load_config returns it, or None")
-        self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
+        expected = "a Config, as mqslam.load_config returns it, a dict of the settings that differ, or None"
+        require_type(config, Config | Mapping | None, "config", expected)
+        self._config, self._name, self._runner, self._strict = load_config(config), frontend, runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:
         """Takes a recording to its optimised map: detects returns, solves for the trajectory, renders and audits the map.
@@ -76,6 +83,7 @@ class Slam:
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
             EstimationError: no motion can be estimated from the data.
         """
+        require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
         require_type(recording, Recording, "recording", "an open recording, as mqslam.open_recording returns it")
         config, runner = self._config, self._runner
         with runner.time_stage("total"):

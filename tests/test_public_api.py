@@ -83,6 +83,8 @@ def test_inputs_and_results_in_memory_are_one_line_in_a_console(drive: Path, res
         assert "\n" not in repr(thing) and len(repr(thing)) < 120 and "array" not in repr(thing)
 
 
+LINE = mqslam.Trajectory(np.array([0, 250_000]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+NOWHERE = mqslam.Trajectory(LINE.stamps_us[:0], LINE.poses[:0])
 WRONG_TYPES = {
     "run an open recording": (lambda drive, out: mqslam.run(mqslam.open_recording(drive), out), "data must be a path, as a"),
     "run a front end": (
@@ -97,6 +99,60 @@ WRONG_TYPES = {
     "run a time": (lambda drive, out: mqslam.run(drive, out, start_s="1"), "start and end must be a number of seconds"),
     "run poses": (lambda drive, out: mqslam.run(drive, out, odometry=3), "odometry must be a path"),
     "run a mount": (lambda drive, out: mqslam.run(drive, out, extrinsics=3), "extrinsics 3: are not three numbers"),
+    "run without odometry": (
+        lambda drive, out: mqslam.run(drive, out, odometry=None),
+        "odometry must be a path, as a text or a pathlib.Path, or one of the words auto and none",
+    ),
+    "run a tolerance": (lambda drive, out: mqslam.run(drive, out, tolerance="0.5"), "tolerance must be a number of metres"),
+    "run bins": (lambda drive, out: mqslam.run(drive, out, range_resolution="0.04"), "range_resolution must be a number of"),
+    "run bins in mm": (
+        lambda drive, out: mqslam.run(drive, out, range_resolution=43),
+        "cannot be the length of a range bin",
+    ),
+    "run jobs": (lambda drive, out: mqslam.run(drive, out, work=4), r"work must be a mqslam\.Work, such as .* type int"),
+    "run an engine": (
+        lambda drive, out: mqslam.run(drive, out, work=mqslam.LocalEngine(2)),
+        r"work must be a mqslam\.Work, such as .* type LocalEngine",
+    ),
+    "work of jobs": (lambda drive, out: mqslam.Work(4), r"engine must be an engine, such as mqslam\.LocalEngine\(4\)"),
+    "no processes": (lambda drive, out: mqslam.LocalEngine(0), "jobs must be at least 1"),
+    "jobs in words": (lambda drive, out: mqslam.LocalEngine("4"), "jobs must be a whole number of processes"),
+    "parts of jobs": (lambda drive, out: mqslam.LocalEngine(1.5), "jobs must be a whole number of processes"),
+    "audit a rate": (lambda drive, out: mqslam.audit(drive, out, false_alarms="0.01"), "false_alarms must be a number"),
+    "audit an offset": (
+        lambda drive, out: mqslam.audit(drive, out, trajectory=LINE, time_offset_s="0.1"),
+        "time_offset_s must be a number of seconds",
+    ),
+    "audit nothing": (lambda drive, out: mqslam.audit(drive, out, trajectory=NOWHERE), "trajectory: holds no poses"),
+    "audit an array": (
+        lambda drive, out: mqslam.audit(drive, out, trajectory=LINE.poses),
+        r"trajectory must be a path, .* or a mqslam\.Trajectory, but it is an object of type ndarray",
+    ),
+    "audit an open recording": (
+        lambda drive, out: mqslam.audit(mqslam.open_recording(drive), out),
+        "data must be a path, .* mqslam.Slam and mqslam.psi_factors take open recordings",
+    ),
+    "compare settings": (
+        lambda drive, out: mqslam.compare(drive, out, kiss_config="nope.yaml"),
+        "nope.yaml: does not exist; give KISS-ICP's own YAML file",
+    ),
+    "factors of odometry": (lambda drive, out: mqslam.psi_factors(drive, odometry="none"), "odometry must be a mqslam.Traj"),
+    "loops of poses": (
+        lambda drive, out: mqslam.loop_factors(drive, LINE.poses),
+        r"trajectory must be gtsam\.Values, or a mqslam\.Trajectory, such as .* type ndarray",
+    ),
+    "half a scan": (
+        lambda drive, out: list(mqslam.open_recording(drive).polar_scans(0.5, 2)),
+        "each of start and stop must be the number of a polar scan",
+    ),
+    "a slice of scans": (
+        lambda drive, out: mqslam.open_recording(drive)[:4],
+        r"take several from polar_scans\(start, stop\)",
+    ),
+    "slam with odometry": (
+        lambda drive, out: mqslam.Slam().run(mqslam.open_recording(drive), "none"),
+        "odometry must be a mqslam.Trajectory or None",
+    ),
     "audit poses": (lambda drive, out: mqslam.audit(drive, out, trajectory=[1.0]), "trajectory must be a path"),
     "compare a front end": (
         lambda drive, out: mqslam.compare(drive, out, frontends=[mqslam.Slam]),
@@ -177,6 +233,12 @@ def test_notes_and_progress_go_to_who_asks_for_them(drive: Path, tmp_path: Path)
 def test_the_method_runs_on_an_open_recording_with_defaults(drive: Path) -> None:
     run = mqslam.Slam().run(mqslam.open_recording(drive))
     assert len(run.optimised) == SCANS and len(run.measurements) == SCANS - 1
+
+
+def test_the_method_takes_a_dict_of_settings() -> None:
+    mqslam.Slam({"detector": {"threshold": 60}})
+    with pytest.raises(ConfigError, match="did you mean threshold"):
+        mqslam.Slam({"detector": {"treshold": 60}})
 
 
 def test_an_audit_judges_a_given_trajectory(drive: Path, result: RunResult, tmp_path: Path) -> None:

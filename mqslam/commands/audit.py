@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from mqslam.auditing.table import MapTest
 from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
-from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, read_extrinsics
+from mqslam.commands.inputs import WHOLE, carry_to_radar, check_arguments, open_radar_or_lidar, read_extrinsics
 from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
@@ -43,7 +44,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, DataError, Remedy, find_near, to_path, untrusted
+from mqslam.errors import ConfigError, DataError, Remedy, find_near, require_type, to_path, untrusted
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -72,7 +73,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     topic: str | None = None,
     frame: str | None = None,
     time_offset_s: float = 0.0,
-    extrinsics: tuple[float, float, float] | str | None = None,
+    extrinsics: Sequence[float] | str | None = None,
     heights: tuple[float, float] | None = None,
     covariances: Path | str | None = None,
     false_alarms: float | None = None,
@@ -137,7 +138,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
         >>> print(audited.verdict, audited.reasons)  # doctest: +SKIP
     """
-    data, out = to_path(data, "data"), to_path(out, "out")
+    data, out = check_arguments(data, out, work)
     with claim_folder(out, force=force, resume=resume, sources=[data]), ExitStack() as keeping:
         earlier = None if baseline is None else _read_baseline(Path(baseline))
         _set_limits(Config(), false_alarms, tolerance)  # raises for a wrong rate or tolerance before anything is read
@@ -264,6 +265,7 @@ def _set_limits(settings: Config, false_alarms: float | None, tolerance: float |
         ConfigError: the rate or the tolerance is out of its range.
     """
     if false_alarms is not None:
+        require_type(false_alarms, Real, "false_alarms", "a number")
         if not 0.0 < false_alarms < 0.5:
             raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
         settings = set_values(settings, "verdict", false_alarms=false_alarms)
@@ -416,8 +418,12 @@ def _read_given(
         raise DataError(trajectory, "does not exist", f"check the path, or did you mean {near}?")
     if isinstance(trajectory, Trajectory):
         given, notes = trajectory, list[str]()
+        if not len(given):
+            raise ConfigError("trajectory: holds no poses; give one with at least two")
     else:
-        given, notes = read_with_notes(to_path(trajectory, "trajectory"), times, topic, frame)
+        or_else = ", the name of a trajectory that the recording carries, or a mqslam.Trajectory"
+        given, notes = read_with_notes(to_path(trajectory, "trajectory", or_else), times, topic, frame)
+    require_type(time_offset_s, Real, "time_offset_s", "a number of seconds")
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
         raise ConfigError(
             f"a time offset of {time_offset_s:g} s is no possible offset of a clock; give the offset in seconds"

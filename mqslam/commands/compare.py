@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.commands.inputs import Inputs, choose_gyroscope, choose_odometry, open_radar_or_lidar
+from mqslam.commands.inputs import (
+    Inputs,
+    check_arguments,
+    choose_gyroscope,
+    choose_odometry,
+    name_choice,
+    open_radar_or_lidar,
+)
 from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
@@ -43,9 +50,9 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     frontends: str | Sequence[str] = FRONT_ENDS,
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]] | None = None,
     odometry_only: bool = False,
-    kiss_config: Path | None = None,
-    odometry: str = "auto",
-    imu: str = "auto",
+    kiss_config: Path | str | None = None,
+    odometry: Path | str = "auto",
+    imu: Path | str = "auto",
     tolerance: float | None = None,
     config: ConfigSource = None,
     format: str | None = None,
@@ -92,7 +99,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP
         >>> print(compared.table)  # doctest: +SKIP
     """
-    data, out = to_path(data, "data"), to_path(out, "out")
+    data, out = check_arguments(data, out, work)
+    odometry, imu = name_choice(odometry, "odometry"), name_choice(imu, "imu")
     if isinstance(frontends, str):
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     require_type(frontends, Sequence, "frontends", "a list of names, or a text of names separated by commas")
@@ -148,7 +156,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         return CompareResult(out, summary, table, marked)
 
 
-def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
+def _set_kiss_config(settings: Config, kiss_config: Path | str | None) -> Config:
     """Returns the settings with the path of KISS-ICP's own file, if one is given.
 
     Raises:
@@ -156,9 +164,10 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
     """
     if kiss_config is None:
         return settings
-    if not kiss_config.is_file():
+    path = to_path(kiss_config, "kiss_config")
+    if not path.is_file():
         raise ConfigError(f"{kiss_config}: does not exist; give KISS-ICP's own YAML file")
-    return set_values(settings, "kiss_icp", config_file=kiss_config)
+    return set_values(settings, "kiss_icp", config_file=path)
 
 
 def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Reading[Sensors]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.commands.work import Work, require_work
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
@@ -185,7 +186,7 @@ def place_truth(recording: Recording, mount: Mount | None) -> Recording:
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
-def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
+def read_extrinsics(given: Sequence[float] | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
     """Reads extrinsics, which are three numbers or a text X,Y,YAW; returns them as numbers and as a pose (3,) [m, m, rad].
 
     For None, both results are None.
@@ -205,11 +206,36 @@ def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, 
     if pose.shape != (3,) or not np.all(np.abs(pose) <= _LARGEST):
         listed = ", ".join(f"{value:g}" for value in pose.ravel())
         raise ConfigError(f"extrinsics of {listed} are not a pose on a vehicle; {_FORM}")
-    return given, np.array([pose[0], pose[1], np.radians(pose[2])])
+    x, y, yaw = given
+    return (x, y, yaw), np.array([pose[0], pose[1], np.radians(pose[2])])
+
+
+def check_arguments(data: Path | str, out: Path | str, work: Work) -> tuple[Path, Path]:
+    """Returns the paths of the recording and of the results that a command was given, after checking the types of all three.
+
+    Raises:
+        ConfigError: an argument has a wrong type; `data` is an open recording, for example.
+    """
+    require_work(work)
+    if isinstance(data, Recording):
+        raise ConfigError(
+            "data must be a path, as a text or a pathlib.Path, but it is an open recording; mqslam.Slam and "
+            "mqslam.psi_factors take open recordings"
+        )
+    return to_path(data, "data"), to_path(out, "out")
+
+
+def name_choice(given: Path | str, name: str) -> str:
+    """Returns the choice of an input, which is `auto`, `none` or the path of a file, as a text.
+
+    Raises:
+        ConfigError: `given` is of another type.
+    """
+    return str(to_path(given, name, ", or one of the words auto and none"))
 
 
 def name_inputs(
-    odometry: Path | str, imu: Path | str, gnss: Path | str, extrinsics: Extrinsics | str, frame: str = RADAR
+    odometry: Path | str, imu: Path | str, gnss: Path | str, extrinsics: Sequence[float] | str, frame: str = RADAR
 ) -> Inputs:
     """Returns the inputs that a caller chose, each as a text; extrinsics become X,Y,YAW.
 
@@ -217,15 +243,15 @@ def name_inputs(
         ConfigError: an argument has a type that is not allowed.
     """
     return Inputs(
-        str(to_path(odometry, "odometry")),
-        str(to_path(imu, "imu")),
-        str(to_path(gnss, "gnss")),
+        name_choice(odometry, "odometry"),
+        name_choice(imu, "imu"),
+        name_choice(gnss, "gnss"),
         name_extrinsics(extrinsics),
         frame,
     )
 
 
-def name_extrinsics(given: Extrinsics | str) -> str:
+def name_extrinsics(given: Sequence[float] | str) -> str:
     """Returns extrinsics as a text X,Y,YAW; a text, such as `auto` or `none`, is returned unchanged.
 
     Raises:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
-from mqslam.commands.inputs import name_inputs
+from mqslam.commands.inputs import check_arguments, name_inputs
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
@@ -40,9 +41,9 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     *,
     map: Path | str,
     frontend: str = "psi",
-    odometry: str = "auto",
-    imu: str = "auto",
-    extrinsics: tuple[float, float, float] | str = "auto",
+    odometry: Path | str = "auto",
+    imu: Path | str = "auto",
+    extrinsics: Sequence[float] | str = "auto",
     config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -83,7 +84,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         >>> localised = mqslam.localise("second_drive", "localised", map="result")  # doctest: +SKIP
         >>> print(localised.read_trajectory().poses[0], localised.summary["share_on_map"])  # doctest: +SKIP
     """
-    data, out, map = to_path(data, "data"), to_path(out, "out"), to_path(map, "map")
+    (data, out), map = check_arguments(data, out, work), to_path(map, "map")
     with claim_folder(out, force=force, sources=[data]):
         made = _open_map(map)
         settings = load_config(config, partial(read_map_settings, map))

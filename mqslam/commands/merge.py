@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.commands.result import MergeResult
-from mqslam.commands.work import QUIET, Work
+from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config
 from mqslam.errors import ConfigError, DataError, require_type, to_path, untrusted
 from mqslam.execution.files import to_json_values
@@ -65,6 +65,7 @@ def merge(
     require_type(results, list | tuple, "results", "a list of folders")
     folders, out = [to_path(result, "each of results") for result in results], to_path(out, "out")
     _require_distinct(folders)
+    require_work(work)
     with claim_folder(out, force=force, sources=folders):
         parts = [read_part(folder) for folder in folders]
         _check_recordings(parts)

@@ -21,7 +21,7 @@ from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_o
 from mqslam.commands.inputs import open_radar_or_lidar
 from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.lidar_settings import fit_to_lidar
-from mqslam.commands.work import QUIET, Work
+from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
@@ -32,7 +32,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_all, warn_of_unread
-from mqslam.errors import ConfigError, EstimationError, FewReturnsError
+from mqslam.errors import ConfigError, EstimationError, FewReturnsError, require_type
 from mqslam.execution.runner import Runner
 from mqslam.factors.between import lifted_between, loop_between, scale_between, scale_factors
 from mqslam.psi.doppler import choose_doppler
@@ -175,6 +175,7 @@ def psi_factors(
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
+    require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
     require(frontend)  # raises, before the recording is read, if there is no such front end
     with _open_scans(recording, config, work) as view:
         settings, scans = view.unit_config, view.unit_scans
@@ -261,6 +262,8 @@ def loop_factors(
         >>> for factor, loop in mqslam.loop_factors("drive", values, keys, graph=graph):  # doctest: +SKIP
         ...     closed.push_back(factor)
     """
+    expected = "gtsam.Values, or a mqslam.Trajectory, such as mqslam.Trajectory(scans.stamps_us, factors.chained)"
+    require_type(trajectory, Trajectory | gtsam.Values, "trajectory", expected)
     with _open_scans(recording, config, work) as view:
         settings, scans, runner = view.unit_config, view.unit_scans, view.runner
         listed = _list_keys(keys, len(scans))
@@ -451,6 +454,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
         DataError: the recording cannot be used.
         EstimationError: the scans hold too few returns to measure the Doppler shift, or for the computations in the block.
     """
+    require_work(work)
     settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
         recording = open_radar_or_lidar(Path(recording), None, None, settings)

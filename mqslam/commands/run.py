@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from mqslam.commands.inputs import (
     WHOLE,
     Inputs,
     Span,
+    check_arguments,
     check_frame,
     choose_odometry,
     choose_sensors,
@@ -26,7 +28,7 @@ from mqslam.core import frontend as frontends
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy, to_path, tolerate
+from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -47,10 +49,10 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     out: Path | str,
     *,
     frontend: str = "psi",
-    odometry: str = "auto",
-    imu: str = "auto",
-    gnss: str = "auto",
-    extrinsics: tuple[float, float, float] | str = "auto",
+    odometry: Path | str = "auto",
+    imu: Path | str = "auto",
+    gnss: Path | str = "auto",
+    extrinsics: Sequence[float] | str = "auto",
     frame: str = RADAR,
     tolerance: float | None = None,
     config: ConfigSource = None,
@@ -99,7 +101,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
         >>> print(result.verdict, result.report)  # doctest: +SKIP
     """
-    data, out = to_path(data, "data"), to_path(out, "out")
+    data, out = check_arguments(data, out, work)
     settings = set_tolerance(load_config(config), tolerance)
     inputs = name_inputs(odometry, imu, gnss, extrinsics, frame)
     with claim_folder(out, force=force, resume=resume, sources=[data]):

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from mqslam.core.engine import Engine
+from mqslam.errors import require_type
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Watch
@@ -37,8 +38,16 @@ class Work:
     watch: Watch | None = None
     word: Callable[[str], str] = str
 
+    def __post_init__(self) -> None:
+        require_type(self.engine, Engine, "engine", "an engine, such as mqslam.LocalEngine(4)")
+
 
 QUIET = Work()
+
+
+def require_work(work: object) -> None:
+    """Raises ConfigError unless an argument is a `Work`."""
+    require_type(work, Work, "work", "a mqslam.Work, such as mqslam.Work(mqslam.LocalEngine(4))")
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping
 from importlib import resources
+from numbers import Real
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -485,6 +486,7 @@ def set_tolerance(config: Config, metres: float | None) -> Config:
     """
     if metres is None:
         return config
+    require_type(metres, Real, "tolerance", "a number of metres")
     if not 0.0 < metres < math.inf:
         raise ConfigError(f"a tolerance of {metres:g} m is not a length above 0; give one in metres, such as 0.3")
     return set_values(config, "verdict", tolerance_m=metres)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -15,6 +15,7 @@ def ignore_result(number: int, result: object) -> None:
     """Ignores the result of an item; the default for `done` in the methods of engines."""
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Calls function(shared, item) for many items, in this process or in others.
 

@@ -16,7 +16,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, name_sensor
-from mqslam.errors import OfLidarError
+from mqslam.errors import ConfigError, OfLidarError
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
@@ -119,6 +119,9 @@ class Recording(ABC):
         """
 
     def __getitem__(self, k: int) -> PolarScan:
+        number: object = k  # a caller without a type checker may give anything
+        if isinstance(number, slice):
+            raise ConfigError("a recording gives one polar scan by its number; take several from polar_scans(start, stop)")
         return next(iter(self.polar_scans(k, k + 1)))
 
     @property

@@ -34,10 +34,13 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         _require_stamps(self.stamps_us)
-        count, poses = len(self.stamps_us), self.poses
+        poses: object = self.poses  # a caller without a type checker may give anything
+        count = len(self.stamps_us)
         if not isinstance(poses, np.ndarray) or poses.shape != (count, 3) or poses.dtype.kind not in "fiu":
             given = _describe(poses)
-            raise ConfigError(f"trajectory: its poses must be an array ({count}, 3) of numbers, one row per stamp, not {given}")
+            raise ConfigError(
+                f"trajectory: its poses must be an array ({count}, 3) of numbers, one row per stamp, not {given}"
+            )
         if not np.isfinite(poses).all():
             k = int(np.argmin(np.isfinite(poses).all(axis=1)))
             raise ConfigError(f"trajectory: pose {k} is not made of finite numbers; leave it and its stamp out")

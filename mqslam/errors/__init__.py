@@ -136,17 +136,18 @@ def require_type(given: object, kinds: type | UnionType, name: str, expected: st
         raise ConfigError(f"{name} must be {expected}, but it is {what}")
 
 
-def to_path(given: str | os.PathLike[str], name: str) -> Path:
+def to_path(given: str | os.PathLike[str], name: str, or_else: str = "") -> Path:
     """Returns a path that a caller gave, as a `pathlib.Path`.
 
     Args:
         given: the path, as a text or as a path of any library.
         name: name of the argument, for the error.
+        or_else: what else the argument may be, for the error, such as `, or none`.
 
     Raises:
         ConfigError: `given` is neither a text nor a path.
     """
-    require_type(given, str | os.PathLike, name, "a path, as a text or a pathlib.Path")
+    require_type(given, str | os.PathLike, name, f"a path, as a text or a pathlib.Path{or_else}")
     return Path(given)
 
 

@@ -13,6 +13,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from numbers import Integral
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -22,7 +23,7 @@ from weakref import finalize, ref
 
 from mqslam.core.engine import ignore_result
 from mqslam.core.stored import release
-from mqslam.errors import WorkerError
+from mqslam.errors import ConfigError, WorkerError, require_type
 from mqslam.execution.guards.memory import return_free_memory
 from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
 
@@ -44,9 +45,15 @@ class LocalEngine:
     Args:
         jobs: number of processes that work at a time; 1 means this process itself.
         apart: number of calls that `map_apart` makes at a time; each call may use `jobs` / `apart` processes.
+
+    Raises:
+        ConfigError: `jobs` is no whole number above 0.
     """
 
     def __init__(self, jobs: int, *, apart: int = 1) -> None:
+        require_type(jobs, Integral, "jobs", "a whole number of processes")
+        if jobs < 1:
+            raise ConfigError(f"jobs must be at least 1, this process itself, but it is {jobs}")
         self._jobs, self._apart = jobs, apart
         self._workers: WorkerProcesses | None = None
 

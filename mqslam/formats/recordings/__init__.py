@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import cast
 
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path, untrusted
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, require_type, suggest, to_path, untrusted
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen
@@ -71,6 +72,7 @@ def open_recording(
         OfLidarError: the path holds a recording of a planar lidar.
     """
     path = to_path(path, "a recording")
+    require_type(range_resolution, Real | None, "range_resolution", "a number of metres")
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(
             f"range resolution {range_resolution}: cannot be the length of a range bin; give metres, such as 0.0438"

@@ -12,7 +12,9 @@ from mqslam.errors import Remedy
 
 Stamp = Literal["start", "end"]
 _FARTHEST_OFFSET_M = 10.0  # no radar's ranges are off by more: other numbers are mistakes
-_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar has shorter or longer range bins: other numbers are mistakes
+# No radar that maps its surroundings has shorter or longer range bins: 0.04 m to 0.2 m on cars, a few metres on ships. A
+# longer bin would blur whole houses and streets into one value, and is a length in millimetres or centimetres instead.
+_FINEST_M, _COARSEST_M = 1e-3, 10.0
 Message = Literal["image", "b_scan"]
 """Kinds of messages in which a bag holds polar scans.
 
