@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.own_files import NO_IMPORT, STOPPED, blame, import_file
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
@@ -28,6 +28,8 @@ from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, r
 
 _FILE = ".py"  # suffix of a front end that is a file
 _NEGATIVE = 1e-6  # a negative eigenvalue of a covariance above minus this share of the trace is a rounding error
+_SAME_S = 1e-3  # a motion begins and ends within this time [s] of the starts of its two scans
+_END: Final = object()
 
 
 def ignore_motion(motion: Measurement) -> None:
@@ -250,19 +252,19 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
     Raises:
         ConfigError: no front end has that name, or it cannot be imported.
-        EstimationError: a motion has wrong shapes, numbers that are not finite or negative variances, or the number of
-            motions is wrong.
+        EstimationError: a motion is no `Measurement`, has no `Status`, has wrong shapes, numbers that are not finite or
+            negative variances, is not between the starts of its two scans, or the number of motions is wrong.
         FrontEndError: the front end fails with an error of its own.
     """
-    front_end, count = create(name, context), 0
+    front_end, count, starts = create(name, context), 0, scans.start_times
     with _blame(name):
         motions = iter(front_end.measure(scans))
     while True:
         with _blame(name):
-            motion = next(motions, None)
-            if motion is None:
+            motion = next(motions, _END)
+            if motion is _END:
                 break
-            _check_motion(name, motion)
+            motion = _check_motion(name, motion, starts[count : count + 2].tolist())
         count += 1
         yield _wrap_yaw(motion)
     if count != len(scans) - 1:
@@ -278,14 +280,37 @@ def _wrap_yaw(motion: Measurement) -> Measurement:
     return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
 
 
-def _check_motion(name: str, motion: Measurement) -> None:
-    """Raises EstimationError if a motion has wrong shapes, numbers that are not finite, or negative variances."""
+def _check_motion(name: str, motion: object, starts: Sequence[float]) -> Measurement:
+    """Returns a motion after checking that the graph can use it.
+
+    Args:
+        name: name of the front end.
+        motion: what the front end has returned.
+        starts: starts of the two scans of the motion [s]; fewer than two if there are no such scans.
+
+    Raises:
+        EstimationError: the motion is no `Measurement`, has no `Status`, is not between these starts, or has wrong shapes,
+            numbers that are not finite, or negative variances.
+    """
+    if not isinstance(motion, Measurement):
+        given = f"an object of type {type(motion).__name__}"
+        raise EstimationError(f"front end {name}: gave {given}; it must give a mqslam.Measurement for every pair of scans")
+    status: object = motion.status
+    if not isinstance(status, Status):
+        raise EstimationError(
+            f"front end {name}: gave a motion the status {status!r}; it must be a mqslam.Status, such as Status.LOST"
+        )
+    if len(starts) == 2 and not np.allclose((motion.t0, motion.t1), starts, rtol=0.0, atol=_SAME_S):
+        raise EstimationError(
+            f"front end {name}: gave a motion from {motion.t0:g} s to {motion.t1:g} s for the scans that start at "
+            f"{starts[0]:g} s and {starts[1]:g} s; its t0 and t1 must be the t0 of these two scans"
+        )
     if np.shape(motion.pose) != (3,) or np.shape(motion.covariance) != (3, 3):
         shapes = f"a pose of shape {np.shape(motion.pose)} and a covariance of shape {np.shape(motion.covariance)}"
         raise EstimationError(f"front end {name}: gave {shapes}; it must give (3,) and (3, 3)")
     known = bool(np.isfinite(motion.pose).all() and np.isfinite(motion.covariance).all())
     if known and np.linalg.eigvalsh(motion.covariance)[0] >= -_NEGATIVE * np.trace(motion.covariance):
-        return
+        return motion
     raise EstimationError(
         f"front end {name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
         + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")

@@ -49,7 +49,7 @@ class Remedy(StrEnum):
     NAME_LAYOUT = "name its layout"
     NAME_TARGET = "name the layout to write"
     NAME_TOPIC = "name the radar's topic"
-    MEND_FRONT_END = "mend it (its traceback is in the log), or choose another front end"
+    MEND_FRONT_END = "mend it, or choose another front end"
     OVERRIDE_RANGE_RESOLUTION = "sensor.range_resolution_m overrides it"
     READ_WITH_RANGE_RESOLUTION = "read the result with sensor.range_resolution_m:"
     OVERRIDE_RANGE_OFFSET = "sensor.range_offset_m overrides it"

@@ -83,7 +83,8 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
     except (OutputError, ClusterError, WorkerError, FrontEndError) as error:
         if checkpoint.holds_anything:
             resumable = type(error)(error.message, *error.remedies, how)
-            resumable.add_note(how)  # in case other code has turned an interrupt into this error
+            if not isinstance(error, FrontEndError):  # other code may have turned an interrupt into one of the others
+                resumable.add_note(how)
             raise resumable from error
         raise
     except MqslamError:

@@ -193,6 +193,14 @@ class Broken:
                 covariance = np.eye(2)
             elif k == 5 and self.fault == "exception":
                 raise KeyError("ranges")
+            elif k == 5 and self.fault == "nothing":
+                yield None
+            elif k == 5 and self.fault == "status":
+                yield Measurement(a.t0, b.t0, pose, covariance, status="lost")
+            elif k == 5 and self.fault == "swapped":
+                yield Measurement(b.t0, a.t0, pose, covariance)
+            elif k == 5 and self.fault == "microseconds":
+                yield Measurement(1e6 * a.t0, 1e6 * b.t0, pose, covariance)
             yield Measurement(a.t0, b.t0, pose, covariance)
 
 
@@ -203,6 +211,13 @@ class Broken:
         ("covariance", "the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
         ("number", "gave 5 motions for 20 scans"),
         ("shape", "gave a pose of shape (3,) and a covariance of shape (2, 2); it must give (3,) and (3, 3)"),
+        ("nothing", "gave an object of type NoneType; it must give a mqslam.Measurement for every pair of scans"),
+        ("status", "gave a motion the status 'lost'; it must be a mqslam.Status, such as Status.LOST"),
+        (
+            "swapped",
+            "gave a motion from 1.5 s to 1.25 s for the scans that start at 1.25 s and 1.5 s; its t0 and t1 must be",
+        ),
+        ("microseconds", "gave a motion from 1.25e+06 s to 1.5e+06 s for the scans that start at 1.25 s and 1.5 s;"),
         ("exception", "stopped with KeyError: 'ranges'; mend it (-v shows its traceback)"),
     ],
 )
