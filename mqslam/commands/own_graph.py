@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import inf
+from numbers import Integral
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import gtsam
 import numpy as np
@@ -26,8 +28,8 @@ from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
-from mqslam.core.recording import LidarRecording, Recording
-from mqslam.core.scans import Scans
+from mqslam.core.recording import SLOWEST_TURN_US, LidarRecording, Recording
+from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
@@ -47,6 +49,7 @@ Pose: TypeAlias = type[gtsam.Pose2] | type[gtsam.Pose3]
 Between: TypeAlias = gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3
 Stated = tuple[Between, Measurement]
 LoopFactor = tuple[gtsam.NonlinearFactor, Loop]
+_WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart [rad], also where they are not wrapped
 
 
 class PsiFactors(list[Stated]):
@@ -78,8 +81,9 @@ class PsiFactors(list[Stated]):
 
     def __repr__(self) -> str:
         scans, submaps = count_of(len(self.scan_keys), "scan"), count_of(len(self.submap_keys), "submap")
-        degenerate = sum(measurement.status is Status.DEGENERATE for _, measurement in self)
-        return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {degenerate} of them degenerate)"
+        degenerate, lost = (sum(m.status is kind for _, m in self) for kind in (Status.DEGENERATE, Status.LOST))
+        states = f"{degenerate} of them degenerate" + (f", {lost} lost" if lost else "")
+        return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {states})"
 
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
         """Returns starting values for those keys of the factors that have no value in the graph so far.
@@ -165,7 +169,7 @@ def psi_factors(
         starting values, also for the submaps.
 
     Raises:
-        ConfigError: a key or a setting is wrong, or there is no such front end.
+        ConfigError: a key, a setting or the scans are wrong, or there is no such front end.
         DataError: the recording cannot be used.
         EstimationError: no motion can be estimated from the data.
 
@@ -450,7 +454,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
         work: where the work is done, and what reports on it.
 
     Raises:
-        ConfigError: the settings hold a mistake.
+        ConfigError: the settings hold a mistake, or the scans are not what `Scans` states.
         DataError: the recording cannot be used.
         EstimationError: the scans hold too few returns to measure the Doppler shift, or for the computations in the block.
     """
@@ -462,6 +466,8 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
     if not isinstance(given, Recording | Scans):
         kind = type(given).__name__
         raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
+    if isinstance(recording, Scans):
+        _check_scans(recording)
     if isinstance(recording, Recording):
         for note in (*recording.notes, *recording.faults):
             work.tell(note)
@@ -483,6 +489,57 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
             )
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error
+
+
+def _check_scans(scans: Scans) -> None:
+    """Checks that scans are what `Scans`, `Scan` and `Returns` state, since another program may have made them.
+
+    The constructors do not check this, because the stages make returns again and again.
+
+    Raises:
+        ConfigError: the duration of a revolution is impossible, the scans are not in order, or the returns of a scan are not
+            finite, have negative ranges or azimuths in degrees, are not in order, or lie outside of the scan's time.
+    """
+    require_type(scans.start_us, Integral, "start_us of scans", "a whole number of microseconds")
+    longest = inf if scans.unit_m is not None else SLOWEST_TURN_US * 1e-6  # a lidar may be at rest between its scans
+    if not 0.0 < scans.revolution_s <= longest or scans.revolution_s == inf:
+        problem = f"a revolution of {scans.revolution_s:g} s is impossible"
+        raise ConfigError(f"scans: {problem}; give its usual duration in seconds, such as 0.25")
+    starts = scans.start_times
+    if np.any(np.diff(starts) <= 0.0):
+        k = int(np.argmax(np.diff(starts) <= 0.0)) + 1
+        raise ConfigError(
+            f"scans: scan {k} does not begin after scan {k - 1}; give the scans in the order of time, each once"
+        )
+    for k, scan in enumerate(scans):
+        if fault := _find_fault(scan, 0.5 * scans.revolution_s):
+            raise ConfigError(f"scans: the returns of scan {k} {fault}")
+
+
+def _find_fault(scan: Scan, slack_s: float) -> str:
+    """Returns what is wrong with the returns of a scan and what to do, or "".
+
+    Args:
+        scan: the scan.
+        slack_s: time [s] by which returns may lie outside of the scan, for programs that round its start and end.
+    """
+    ranges, azimuths, times = scan.returns.ranges, scan.returns.azimuths, scan.returns.times
+    if any(column.dtype.kind not in "fiu" for column in (ranges, azimuths, times, scan.returns.intensities)):
+        return "are not made of numbers; give arrays of float64"
+    if not len(ranges):
+        return ""
+    if not all(np.isfinite(column).all() for column in (ranges, azimuths, times, scan.returns.intensities)):
+        return "are not all made of finite numbers; leave those out that are not"
+    if ranges.min() < 0.0:
+        return "have negative ranges; give distances from the sensor in metres"
+    if np.ptp(azimuths) > _WIDEST:
+        return f"have azimuths that are {np.ptp(azimuths):.0f} rad apart; give them in radians, of one turn per scan"
+    if np.any(np.diff(times) < 0.0):
+        return "are not ordered by time; sort them"
+    if times[0] < scan.t0 - slack_s or times[-1] > scan.t1 + slack_s:
+        span = f"from {times[0]:g} s to {times[-1]:g} s, and the scan from {scan.t0:g} s to {scan.t1:g} s"
+        return f"have times {span}; give both in seconds since the recording's start"
+    return ""
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:

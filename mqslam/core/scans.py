@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields, replace
+from math import inf
 from typing import Final, overload
 
 import numpy as np
@@ -71,7 +72,7 @@ class Scan:
     """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start].
 
     Raises:
-        ValueError: t0 or t1 is not a number, t1 is before t0, or `returns` are not of class `Returns`.
+        ValueError: t0 or t1 is not a finite number, t1 is before t0, or `returns` are not of class `Returns`.
     """
 
     t0: float
@@ -86,7 +87,7 @@ class Scan:
             raise ValueError(
                 f"the returns of a scan must be mqslam.Returns, and are an object of type {type(returns).__name__}"
             )
-        if not isinstance(t0, _NUMBERS) or not isinstance(t1, _NUMBERS) or self.t1 < self.t0:
+        if not isinstance(t0, _NUMBERS) or not isinstance(t1, _NUMBERS) or not -inf < self.t0 <= self.t1 < inf:
             raise ValueError("t0 and t1 of a scan must be its start and its end in seconds")
 
     def __repr__(self) -> str:

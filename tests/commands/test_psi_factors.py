@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -15,7 +16,7 @@ from mqslam.config import Config, LoopConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Status
-from mqslam.core.scans import Scans
+from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import ConfigError, EstimationError
@@ -97,6 +98,8 @@ def test_factors_are_printed_in_a_line(street: Street) -> None:
     factor, measurement = factors[0]
     factors[0] = factor, replace(measurement, status=Status.DEGENERATE)
     assert repr(factors).endswith("submaps, 1 of them degenerate)")
+    factors[0] = factor, replace(measurement, status=Status.LOST)
+    assert repr(factors).endswith("submaps, 0 of them degenerate, 1 lost)")
 
 
 def test_poses_in_space_lie_where_the_planar_ones_do_and_are_as_sure(street: Street) -> None:
@@ -169,3 +172,41 @@ def test_scans_without_returns_are_refused_in_one_line(street: Street) -> None:
     empty = Scans(tuple(type(s)(s.t0, s.t1, s.returns.none()) for s in street.scans), street.scans.start_us, 0.25)
     with pytest.raises(EstimationError):
         psi_factors(empty, config=CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: {"ranges": np.where(np.arange(len(r)) == 3, np.nan, r.ranges)}, "not all made of finite numbers"),
+        (lambda r: {"ranges": -r.ranges}, "negative ranges"),
+        (lambda r: {"azimuths": np.degrees(r.azimuths)}, "rad apart; give them in radians"),
+        (lambda r: {"times": 1e6 * r.times}, "give both in seconds since the recording's start"),
+        (lambda r: {"times": r.times[::-1].copy()}, "not ordered by time; sort them"),
+        (lambda r: {"intensities": r.intensities.astype(str)}, "not made of numbers"),
+    ],
+)
+def test_returns_of_another_program_that_are_not_what_their_help_states_are_refused(
+    street: Street, change: Callable[[Returns], dict], message: str
+) -> None:
+    own = tuple(replace(scan, returns=replace(scan.returns, **change(scan.returns))) for scan in street.scans)
+    with pytest.raises(ConfigError, match=f"scans: the returns of scan 0 .*{message}"):
+        psi_factors(replace(street.scans, scans=own), config=CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"revolution_s": 0.0}, "a revolution of 0 s is impossible; give its usual duration in seconds"),
+        ({"revolution_s": np.nan}, "a revolution of nan s"),
+        ({"revolution_s": 250.0}, "a revolution of 250 s"),
+        ({"start_us": 1.5}, "start_us of scans must be a whole number"),
+    ],
+)
+def test_scans_of_an_impossible_turn_or_start_are_refused(street: Street, change: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        psi_factors(replace(street.scans, **change), config=CONFIG)
+
+
+def test_scans_that_are_not_in_order_are_refused(street: Street) -> None:
+    with pytest.raises(ConfigError, match="scan 2 does not begin after scan 1"):
+        psi_factors(street.scans.take([0, 3, 2]), config=CONFIG)
