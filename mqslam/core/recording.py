@@ -54,9 +54,11 @@ class PolarScan:
         return PolarScan(self.times[chosen], self.azimuths[chosen], self.power[chosen], self.valid[chosen])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording(ABC):
     """A radar recording whose polar scans are read only when needed, so that it can be pickled and sent to workers.
+
+    Two recordings are equal only if they are the same object.
 
     Args:
         path: the recording.
@@ -102,6 +104,8 @@ class Recording(ABC):
         super().__init_subclass__(**more)
         if "__repr__" not in vars(cls):
             cls.__repr__ = Recording.__repr__  # type: ignore[method-assign]  # else @dataclass would list all arrays
+        if "__eq__" not in vars(cls):  # else @dataclass would compare all arrays, which have no single truth value
+            cls.__eq__, cls.__hash__ = object.__eq__, object.__hash__  # type: ignore[method-assign]
 
     def __len__(self) -> int:
         return len(self.stamps_us)

@@ -23,6 +23,9 @@ from mqslam.execution.runner import Runner
 # A recording is refused if more than this share of its polar scans cannot be read.
 _MOST_UNREAD = 0.5
 _CHUNK = 40  # polar scans that a worker takes at a time; no result depends on this number
+# Azimuths of one turn that are farther apart than this [rad] are in degrees, and azimuths that are measured longer than this
+# [s] before or after their turn are stamped in another unit or by another clock. Both are far beyond what damage does.
+_WIDEST, _FARTHEST_S = 100.0, 60.0
 _LISTED = 3  # number of files that the warning of unread polar scans names
 
 _log = logging.getLogger(__name__)
@@ -64,6 +67,7 @@ def detect_stretch(
     for k, polar_scan in read_polar_scans(recording, start, stop):
         read = time.perf_counter()
         if not isinstance(polar_scan, DataError):
+            _check_polar_scan(recording, k, polar_scan)
             returns, counted = detect_and_count(polar_scan, recording.range_resolution, config, recording.range_offset)
             scans.append(returns)
             counts += counted
@@ -125,9 +129,10 @@ def detect_all(
         The scans, and the other results as a `Detected` whose own list of returns is empty.
 
     Raises:
-        DataError: more than half of the polar scans cannot be read, one cannot be read and `strict` is set, or the recording
-            does not exist on the machine of a worker.
+        DataError: more than half of the polar scans cannot be read, one cannot be read and `strict` is set, the recording
+            does not exist on the machine of a worker, or its arrays are not what `Recording` and `PolarScan` state.
     """
+    _check_recording(recording)
     total = len(recording)
     parts = (runner or Runner()).map(
         "detect",
@@ -168,6 +173,44 @@ def detect_all(
     _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
     detected = Detected([], unread, read_s, detect_s, counts, _join(stretches))
     return Scans(scans, recording.start_us, recording.revolution_s), detected
+
+
+def _check_recording(recording: Recording) -> None:
+    """Raises DataError unless the index of a recording is what `Recording` states; a user may have written its class."""
+    stamps: object = recording.stamps_us
+    turns: object = recording.turns_us
+    for name, column in (("stamps_us", stamps), ("turns_us", turns)):
+        if not isinstance(column, np.ndarray) or column.shape != (len(recording),) or column.dtype.kind != "i":
+            given = f"{column.dtype} {column.shape}" if isinstance(column, np.ndarray) else type(column).__name__
+            problem = f"its {name} must be an array ({len(recording)},) of int64, but they are {given}"
+            raise DataError(recording.path, problem, "give one number of microseconds for every polar scan")
+    if np.any(np.diff(recording.stamps_us) <= 0):
+        k = int(np.argmax(np.diff(recording.stamps_us) <= 0)) + 1
+        problem = f"its stamps_us do not increase at polar scan {k}"
+        raise DataError(recording.path, problem, "give the polar scans in the order of time, each once")
+    if np.any(recording.turns_us <= 0):
+        k = int(np.argmax(recording.turns_us <= 0))
+        problem = f"its turns_us are {recording.turns_us[k]} at polar scan {k}"
+        raise DataError(recording.path, problem, "give the duration of every revolution in microseconds")
+    if not 0.0 < recording.range_resolution < np.inf:
+        problem = f"its range_resolution is {recording.range_resolution}"
+        raise DataError(recording.path, problem, "give the length of a range bin in metres")
+
+
+def _check_polar_scan(recording: Recording, k: int, polar_scan: PolarScan) -> None:
+    """Raises DataError unless the arrays of polar scan k are what `PolarScan` states; a user may have written its reader."""
+    times, azimuths, begin = polar_scan.times, polar_scan.azimuths, float(recording.start_times[k])
+    shapes = [np.shape(column) for column in (times, azimuths, polar_scan.power, polar_scan.valid)]
+    count, begins = len(polar_scan.times), [shape[:1] for shape in shapes]
+    if [len(shape) for shape in shapes] != [1, 1, 2, 1] or any(shape != (count,) for shape in begins):
+        problem = f"polar scan {k}: its times, azimuths, power and valid have the shapes {', '.join(map(str, shapes))}"
+        raise DataError(recording.path, problem, "give (A,), (A,), (A, B) and (A,)")
+    if count and not np.ptp(azimuths) <= _WIDEST:
+        problem = f"polar scan {k}: its azimuths are {np.ptp(azimuths):.0f} rad apart"
+        raise DataError(recording.path, problem, "give them in radians")
+    if count and not np.abs(times - begin).max() <= _FARTHEST_S:
+        problem = f"polar scan {k}: its times go from {times[0]:g} s to {times[-1]:g} s, and it begins at {begin:g} s"
+        raise DataError(recording.path, problem, "give times in seconds since the recording's start")
 
 
 def _join(stretches: list[Velocities]) -> Velocities | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,10 +16,12 @@ from mqslam.core.velocity import Outcome, Velocities
 from mqslam.detection import stage
 from mqslam.detection.detector import detect
 from mqslam.detection.stage import detect_all, detect_stretch
+from mqslam.errors import DataError
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.derived import DerivedRecording, copy_fields
 from mqslam.simulator import (
     CHIRP_BETA,
     ConstantDrive,
@@ -126,3 +130,49 @@ def test_a_stretch_has_the_velocities_that_the_whole_recording_has() -> None:
     whole, part = detect_velocities(drive()), detect_stretch(drive(), DETECTOR, 4, 7, with_velocities=True).velocities
     arrays = (a[4:7] for a in (whole.times, whole.velocities, whole.covariances, whole.outcomes))
     assert_equal(part, Velocities(*arrays, whole.doppler_beta))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Own(DerivedRecording):
+    """A recording whose polar scans somebody has made."""
+
+    make: Callable[[PolarScan], PolarScan]
+
+    def _change(self, polar_scan: PolarScan) -> PolarScan:
+        return self.make(polar_scan)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"stamps_us": drive().stamps_us / 1e6}, r"its stamps_us must be an array \(10,\) of int64, but they are float64"),
+        ({"stamps_us": drive().stamps_us[::-1]}, "its stamps_us do not increase at polar scan 1"),
+        ({"turns_us": drive().turns_us[:3]}, r"its turns_us must be an array \(10,\) of int64, but they are int64 \(3,\)"),
+        ({"turns_us": 250_000}, "its turns_us must be an array .* but they are int"),
+        ({"turns_us": 0 * drive().turns_us}, "its turns_us are 0 at polar scan 0"),
+        ({"range_resolution": float("nan")}, "its range_resolution is nan"),
+    ],
+)
+def test_a_recording_of_ones_own_whose_index_is_wrong_is_refused(change: dict, said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        detect_all(replace(drive(), **change), DETECTOR)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda p: replace(p, times=1e6 * p.times), "polar scan 0: its times go from .* give times in seconds"),
+        (lambda p: replace(p, azimuths=np.degrees(p.azimuths)), "polar scan 0: its azimuths are .* give them in radians"),
+        (lambda p: replace(p, azimuths=p.azimuths[:-3]), r"polar scan 0: its times, azimuths, .* \(100,\), \(97,\)"),
+        (lambda p: replace(p, power=p.power.T), r"give \(A,\), \(A,\), \(A, B\) and \(A,\)"),
+    ],
+)
+def test_a_polar_scan_of_ones_own_that_is_wrong_is_refused(make: Callable[[PolarScan], PolarScan], said: str) -> None:
+    own = Own(inner=drive(), make=make, **copy_fields(drive()))
+    with pytest.raises(DataError, match=said):
+        detect_all(own, DETECTOR)
+
+
+def test_recordings_are_equal_only_to_themselves() -> None:
+    own = Own(inner=drive(), make=lambda p: p, **copy_fields(drive()))
+    assert own == own and own != replace(own) and len({own, drive()}) == 2
