@@ -10,14 +10,16 @@ Public names, all typed; none of them prints anything:
 - `run`, `audit`, `compare` and `localise` take the path of a recording and a folder for the results, and return the results
   that they have written there.
 - `merge` makes one map from the results of several recordings; `read_result` reads any result again from its folder.
-- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return.
+- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return; each is a
+  `Result`, and a verdict is a `VerdictStatus`.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it makes the optimised map of an open recording, in memory.
 - `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
-  replaces loop closures by factors of single scans that are registered on earlier passes of the same place.
+  replaces loop closures by factors of single scans that are registered on earlier passes of the same place. They return
+  `PsiFactors`, `LoopFactors` and a `RefinedGraph`.
 - `Work`, `Runner` and `LocalEngine` define where the computations run and what reports on their progress.
-- `Recording`, `Scans` of `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the types of
-  inputs and results; `MqslamError` is the base of all errors.
+- `Recording` of `PolarScan`, `Scans` of `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the
+  types of inputs and results; a front end of your own gets a `Context`. `MqslamError` is the base of all errors.
 """
 
 from __future__ import annotations
@@ -28,10 +30,14 @@ from typing import TYPE_CHECKING, Any
 from mqslam.execution.kernel_cache import choose_cache
 
 if TYPE_CHECKING:  # importing a name as itself marks it as public for type checkers
+    from mqslam.auditing.verdict import VerdictStatus as VerdictStatus
     from mqslam.commands.audit import audit as audit
     from mqslam.commands.compare import compare as compare
     from mqslam.commands.localise import localise as localise
     from mqslam.commands.merge import merge as merge
+    from mqslam.commands.own_graph import LoopFactors as LoopFactors
+    from mqslam.commands.own_graph import PsiFactors as PsiFactors
+    from mqslam.commands.own_graph import RefinedGraph as RefinedGraph
     from mqslam.commands.own_graph import loop_factors as loop_factors
     from mqslam.commands.own_graph import psi_factors as psi_factors
     from mqslam.commands.own_graph import refine as refine
@@ -39,14 +45,17 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.commands.result import CompareResult as CompareResult
     from mqslam.commands.result import LocaliseResult as LocaliseResult
     from mqslam.commands.result import MergeResult as MergeResult
+    from mqslam.commands.result import Result as Result
     from mqslam.commands.result import RunResult as RunResult
     from mqslam.commands.result import read_result as read_result
     from mqslam.commands.run import run as run
     from mqslam.commands.work import Work as Work
     from mqslam.config import Config as Config
     from mqslam.config import load_config as load_config
+    from mqslam.core.frontend import Context as Context
     from mqslam.core.measurement import Measurement as Measurement
     from mqslam.core.measurement import Status as Status
+    from mqslam.core.recording import PolarScan as PolarScan
     from mqslam.core.recording import Recording as Recording
     from mqslam.core.scans import Returns as Returns
     from mqslam.core.scans import Scan as Scan
@@ -62,6 +71,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
 choose_cache()  # must be called before any kernel is imported
 
 _MODULES = {
+    "VerdictStatus": "auditing.verdict",
     "audit": "commands.audit",
     "compare": "commands.compare",
     "localise": "commands.localise",
@@ -69,19 +79,25 @@ _MODULES = {
     "loop_factors": "commands.own_graph",
     "psi_factors": "commands.own_graph",
     "refine": "commands.own_graph",
+    "LoopFactors": "commands.own_graph",
+    "PsiFactors": "commands.own_graph",
+    "RefinedGraph": "commands.own_graph",
     "AuditResult": "commands.result",
     "CompareResult": "commands.result",
     "LocaliseResult": "commands.result",
     "MergeResult": "commands.result",
     "RunResult": "commands.result",
     "read_result": "commands.result",
+    "Result": "commands.result",
     "run": "commands.run",
     "Work": "commands.work",
     "Config": "config",
     "load_config": "config",
+    "Context": "core.frontend",
     "Measurement": "core.measurement",
     "Status": "core.measurement",
     "Recording": "core.recording",
+    "PolarScan": "core.recording",
     "Returns": "core.scans",
     "Scan": "core.scans",
     "Scans": "core.scans",

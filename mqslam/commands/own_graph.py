@@ -315,6 +315,11 @@ class RefinedGraph:
     psi_loops: float | None
     psi_after: float | None
 
+    def __repr__(self) -> str:
+        known = self.psi_before is not None and self.psi_after is not None
+        figures = f", psi {self.psi_before:.3g} -> {self.psi_after:.3g}" if known else ""
+        return f"<RefinedGraph, {count_of(len(self.loops), 'loop')}, {count_of(len(self.ties), 'tie')}{figures}>"
+
 
 def refine(
     graph: gtsam.NonlinearFactorGraph,

@@ -59,6 +59,7 @@ class Result:
 
     def __repr__(self) -> str:
         shown = {name: value.split(":")[0] for name, value in self.facts.items() if name != "recording"}
+        shown |= {name: f"{name} {value}" for name, value in shown.items() if name == "ATE"}
         return f"<{type(self).__name__} {str(self.folder)!r}{''.join(f', {value}' for value in shown.values())}>"
 
     def _repr_html_(self) -> str:

@@ -65,11 +65,16 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     if unknown:
         (loc,) = (fault["loc"] for fault in faults if fault["type"] == "extra_forbidden")
         name, known = str(loc[-1]), _list_settings(model, loc[:-1])
+        section, _, setting = name.partition(".")
+        if setting and section in known:
+            return f"unknown setting {name}; write it as {section}: {{{setting}: ...}}, in a dict of Python with quotes"
         hint = suggest(name, known)
         if len(loc) == 1 and find_near(name, known) is None and (inside := _find_inside(model, name)):
             hint = f"did you mean {' or '.join(inside)}?"
         return f"unknown setting {unknown[0]}; {hint}" + ("" if hint.endswith("?") else f", or leave it out: {_FORMER}")
     where = ".".join(map(str, faults[0]["loc"]))
+    if faults[0]["input"] != faults[0]["input"]:  # only NaN differs from itself
+        return f"{where}: is not a number"
     said = _PLAIN.get(faults[0]["type"], faults[0]["msg"].removeprefix("Value error, "))  # pydantic puts this before ours
     return f"{where}: {said.replace('Input should be', 'must be')}"
 

@@ -96,6 +96,7 @@ def test_the_values_that_come_back_are_the_optimum_and_lie_better() -> None:
     assert result.graph.error(result.values) < 0.5 * result.graph.error(start)
     assert result.psi_before is not None and result.psi_loops is not None and result.psi_after is not None
     assert result.psi_after < result.psi_loops < result.psi_before
+    assert repr(result).startswith(f"<RefinedGraph, 0 loops, {len(result.ties)} ties, psi ") and len(repr(result)) < 80
 
 
 def test_without_loops_the_graph_is_optimised_and_nothing_is_tied() -> None:

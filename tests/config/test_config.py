@@ -99,6 +99,8 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
         ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: must be less than or equal to 1"),
         ("detector: {min_range_m: 3, max_range_m: 2}", "detector: max_range_m (2.0) must be larger than min_range_m (3.0)"),
         ("tracker: {segment_scans: 71}", "tracker.segment_scans: must be 0 or at least 72"),
+        ("detector.threshold: 60", "unknown setting detector.threshold; write it as detector: {threshold: ...}"),
+        ("detector: {threshold: .nan}", "detector.threshold: is not a number"),
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),

@@ -71,7 +71,9 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
     start = 0.0 if start_s is None else start_s
     end = np.inf if end_s is None else end_s
     span = f"{start:g} s to {'the end' if end_s is None else f'{end:g} s'}"
-    if not start < end:  # also catches times that are not numbers
+    if np.isnan(start) or np.isnan(end):
+        raise ConfigError(f"the stretch from {span}: has a time that is not a number; give seconds since the start")
+    if not start < end:
         raise ConfigError(f"the stretch from {span}: ends before it begins; give two times in seconds since the start")
     first, after = np.searchsorted(recording.start_times, [start, end]).tolist()
     if first >= after:
