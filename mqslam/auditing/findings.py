@@ -44,6 +44,7 @@ _REVISITS_FAIL = 0.1
 _ROW = 3
 # A reason names at most this many further places one by one, so that the reason stays readable.
 _NAMED: Final = 3
+_FEW: Final = "too few spans could be measured"
 # If fewer of a window's points than this share are seen twice, its scans do not overlap and psi cannot judge the window.
 LEAST_MATCHED = 0.15
 # A map gets the verdict `fail` if the scans do not overlap in more than this share of its windows.
@@ -120,7 +121,7 @@ def judge_steps(
         explanation = f"the trajectory {_describe_jump(worst)} in a single step at {worst.t:.1f} s"
         cause = Cause.JUMP
         if len(jumps) > 1:  # bends and noise cause several jumps, too
-            explanation = f"the trajectory jumps at {len(jumps)} places, the farthest at {worst.t:.1f} s"
+            explanation = f"the map jumps at {len(jumps)} places, the farthest at {worst.t:.1f} s"
             cause = Cause.JUMPS
         return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
     bumps = [step for step in steps if _is_bump(step, settings, limits)]
@@ -169,8 +170,10 @@ def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
     )
 
 
-def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
-    """Returns the steps at which a map jumps. Of steps that share scans, the one that fits best once corrected is returned.
+def find_torn_steps(
+    steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig, *, fit_best: bool = False
+) -> list[StepAudit]:
+    """Returns the steps at which a map jumps. Of steps that share scans, the one that is off the farthest is returned.
 
     At a jump, (1) the offset is larger than chance explains and larger than `settings.jump_m`, (2) the two sides fit better
     with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as those of
@@ -181,6 +184,8 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
         steps: the steps in the order of time.
         settings: settings of the audit.
         limits: settings of the verdict.
+        fit_best: whether, of steps that share scans, the one that fits best once corrected is returned instead. Its offset
+            may be smaller than that of the jump, but is measured best.
     """
 
     def is_off(step: StepAudit) -> bool:
@@ -192,10 +197,14 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
         return is_large and _fits_better_moved(step, limits)
 
     off = [step for step in steps if is_off(step)]
+
+    def rank(step: StepAudit) -> float:
+        return -step.registration.psi_best if fit_best else step.registration.size_m
+
     jumps: list[StepAudit] = []
     for step in off:
         if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # the two steps share scans
-            jumps[-1] = min(jumps[-1], step, key=lambda s: s.registration.psi_best)
+            jumps[-1] = max(jumps[-1], step, key=rank)
         else:
             jumps.append(step)
     return jumps
@@ -208,6 +217,7 @@ def judge_pooled(
     time_offset_s: float | None = None,
     *,
     is_of_run: bool = False,
+    few: str = _FEW,
 ) -> Finding:
     """Judges errors of the whole map that no single place shows: wrong scale, mount or stamps, and drift of the yaw.
 
@@ -220,11 +230,12 @@ def judge_pooled(
             such as the vehicle's frame; None if the user cannot choose the pose.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
         is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
+        few: why the spans are too few, in words, if they are.
     """
     if pooled is None:
         reason = (
-            "scale, mount and stamps: too few spans could be measured, so that a wrong scale could hide unless odometry "
-            "contradicts it"
+            f"scale, mount and stamps: {few}, so that a wrong scale could hide unless odometry "
+            "contradicts it, and wrong extrinsics or late stamps tear windows without being named"
         )
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
@@ -330,20 +341,20 @@ _DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  
 _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
-def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig, few: str = _FEW) -> Finding:
     """Judges a map by its spans: `warn` if any span is torn, `fail` if their share is surely above `WINDOWS_FAIL`.
 
     Args:
         spans: spans of the map; those without a p-value are left out.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
+        few: why the spans are too few, in words, if they are.
     """
     tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
-        why = "too few spans could be measured"
         most_m, _ = tolerate_window(settings)
-        reason = f"stretches of path: {why}, so that {most_m:g} m of error in each window of {WINDOW} scans could hide"
+        reason = f"stretches of path: {few}, so that {most_m:g} m of error in each window of {WINDOW} scans could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     p_value = find_smallest(span.p_value for span in judged)
     usual_m = float(np.median([span.registration.path_m for span in judged]))

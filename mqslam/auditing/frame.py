@@ -39,6 +39,7 @@ _LEAST_TORN: Final = 4  # with fewer torn windows than this no other reading is 
 _WHOLE: Final = 0.5  # share of the tried windows that the right reading makes whole and crisper
 _NOT_MIRRORED: Final = "the map has no tears of the kind that a mirrored trajectory or missing headings would cause"
 _LEAST_TURN: Final = 0.02  # headings are missing if they differ by at most this [rad] although the path turns
+_SAME_YAW: Final = 1e-6  # numerical: yaws that differ by less than this [rad] are the same
 _PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than this [rad]
 
 
@@ -141,7 +142,8 @@ def judge_readings(
 
     Args:
         sweeps: points under the trajectory to judge.
-        windows: windows of the map, which passes if fewer than `_LEAST_TORN` are torn.
+        windows: windows of the map, which passes if fewer than `_LEAST_TORN` are torn. If more are torn, but fewer turn, the
+            test could not judge anything.
         place: returns the points of the map under other poses (M, 3) of the track.
         settings: settings of the audit.
         estimator: settings of the score.
@@ -158,7 +160,9 @@ def judge_readings(
     turning = [window for window in windows if _measure_turn(sweeps, window) > _TURNS]
     tried = sorted(turning, key=lambda window: -_measure_turn(sweeps, window))[:_TRIED]
     if len(tried) < _LEAST_TORN:
-        return Finding(VerdictStatus.PASS, _NOT_MIRRORED)
+        same = "; all poses look the same way" if np.ptp(np.unwrap(track.poses[:, 2])) < _SAME_YAW else ""
+        reason = f"frame: too few windows turn to show whether a mirrored trajectory or missing headings tear the map{same}"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
     for reading in _READINGS:
         whole = sum(engine.map(_is_whole, (place(track.poses * reading.signs), settings, estimator), tried))
         if whole >= _WHOLE * len(tried):

@@ -29,8 +29,8 @@ from mqslam.auditing.gyroscope_check import check_gyroscope, judge_gyroscope
 from mqslam.auditing.own_test import judge_by
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
-from mqslam.auditing.sizes import STEP_SCANS
-from mqslam.auditing.spans.measured import register_spans
+from mqslam.auditing.sizes import STEP_SCANS, WINDOW
+from mqslam.auditing.spans.measured import explain_few_spans, register_spans
 from mqslam.auditing.spans.pooled import Pooled, measure_twists, pool, predict_offsets
 from mqslam.auditing.spans.sums import SumAudit, audit_sums, find_bends
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
@@ -45,8 +45,8 @@ from mqslam.auditing.speeds import (
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.table import MapTest, apply_tolerance, share_of_false_alarms, sort_tests
-from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated, state_cover
-from mqslam.auditing.verdict import Finding, Verdict, verdict_of
+from mqslam.auditing.tracks import Jump, find_jumps, judge_doubt, judge_part, judge_track, mark_interpolated, state_cover
+from mqslam.auditing.verdict import Cause, Finding, Verdict, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
 from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
@@ -173,7 +173,7 @@ def audit(
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
-        "trajectory": _judge_trajectory(sweeps, settings),
+        "trajectory": _judge_trajectory(sweeps, steps, settings),
         "speeds": judge_speeds(speeds, capture, is_of_run=known.is_of_run),
         "windows": judge_windows(windows, len(sweeps), is_of_run=known.is_of_run),
         "steps": [judge_steps(steps, jumps, settings, limits)],
@@ -193,11 +193,14 @@ def audit(
         revisits = audit_revisits(shared, limits, engine, progress, known.stated)
         revisits = doubt_interpolated(revisits, interpolated)
         path_m = float(sweeps.travelled[-1])
+        few = explain_few_spans(registrations, sweeps)
         tests |= {
             "frame": _judge_frame(sweeps, windows, known.place, settings, estimator, engine),
-            "spans": [judge_spans(spans, settings, limits)],
+            "spans": [judge_spans(spans, settings, limits, few)],
             "sums": [judge_sums(sums, path_m, settings, limits)],
-            "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s, is_of_run=known.is_of_run)],
+            "pooled": [
+                judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s, is_of_run=known.is_of_run, few=few)
+            ],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
             "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
             "sensors": list(known.sensors),
@@ -247,14 +250,29 @@ def _expect(
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
-def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
-    """Returns findings on gaps, jumps and missing poses of the trajectory; none for a cloud without a trajectory."""
+def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: AuditConfig) -> list[Finding]:
+    """Returns findings on gaps, jumps and missing poses of the trajectory; none for a cloud without a trajectory.
+
+    Stamps that jitter look like jumps, too. A jump therefore gets the verdict `fail` only if the scans show it as well.
+    """
     track = sweeps.track
     if track is None:
         return []
     own = judge_track(track, sweeps.times, sweeps.revolution_s, settings)
+    if any(
+        _shows(step, jump, settings) for jump in find_jumps(track, WINDOW * sweeps.revolution_s, settings) for step in steps
+    ):
+        own = [replace(one, status=VerdictStatus.FAIL) if one.cause is Cause.JUMP else one for one in own]
     found = [*own, *judge_part(track), *judge_doubt(sweeps.doubt_m, settings)]
     return found or [state_cover(track)]
+
+
+def _shows(step: StepAudit, jump: Jump, settings: AuditConfig) -> bool:
+    """Returns whether the scans on either side of a step show a jump of the poses there, by more than `settings.torn_m`."""
+    registration = step.registration
+    is_large = registration.size_m > max(settings.torn_m, registration.doubt_m)
+    fits = registration.unrivalled and registration.psi_best < registration.psi
+    return fits and is_large and jump.t0 <= step.t <= jump.t1 + (jump.t1 - jump.t0)
 
 
 def _judge_frame(

@@ -282,7 +282,7 @@ def judge_part(track: Track) -> list[Finding]:
 def state_cover(track: Track) -> Finding:
     """Returns the finding on a trajectory without gaps, jumps and sparse poses: how many scans it covers."""
     covered = f"{track.scans - track.uncovered} of {count_of(track.scans, 'scan')}"
-    return Finding(VerdictStatus.PASS, f"the trajectory covers {covered}, without a gap or a jump")
+    return Finding(VerdictStatus.PASS, f"the trajectory covers {covered}; its poses alone show no gap and no jump")
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:

@@ -25,6 +25,7 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_ODOMETRY: "give --odometry FILE or another --frontend",
     Remedy.GIVE_OTHER_TRAJECTORY: "give a --trajectory with the stamps of DATA, or --time-offset if their clocks differ",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
+    Remedy.GIVE_TIMES: "give the file of its times, one per line, by --times of mqslam audit",
     Remedy.GIVE_TIME_OFFSET: "give --time-offset",
     Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or --trajectory with the name of one that the recording has",

@@ -41,6 +41,7 @@ class Remedy(StrEnum):
     GIVE_MORE_POSES = "give the trajectory with a pose for every scan"
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
+    GIVE_TIMES = "give the file of its times, one per line"
     GIVE_TIME_OFFSET = "give a time offset in seconds of"
     GIVE_TRAJECTORY = "give the file of a trajectory"
     GIVE_TRAJECTORY_OR_NAME = "give the file of a trajectory, or the name of a trajectory that the recording carries"

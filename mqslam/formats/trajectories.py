@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats import bags
 from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
@@ -46,6 +46,10 @@ _MATRICES = "give an array of pose matrices (N, 4, 4) or (N, 3, 4)"
 _NUMBERS = 12  # numbers in the upper three rows of a 4x4 matrix
 _YAWS = ("yaw", "theta", "heading")
 _QUATERNION = ("qx", "qy", "qz", "qw")
+_STRAY_FACTOR: Final = 5.0  # yaws are in degrees if as radians they stray from the path by this many times as much
+_STRAY_LEAST: Final = (
+    0.02  # yaws stray from a path if a larger share of its length is lost once steps are turned back by them
+)
 _TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
 _LEAST_SLIDE = 1e-9  # smaller sideways speeds [m/s] are rounding errors
 _KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
@@ -264,6 +268,8 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
         return _read_stamped_matrices(path, lines)
     if columns in (8, *WIDE):
         return read_tum(path)
+    if ";" in lines[0]:
+        raise DataError(path, "is no trajectory in a known format: its columns are separated by semicolons", "use commas")
     raise DataError(path, f"is no trajectory in a known format ({columns} words in its first line)", _KNOWN)
 
 
@@ -277,12 +283,32 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
     """Reads the poses of a CSV from its lines that are not blank; the header may be a comment."""
     at = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     header = Header(path, split_header(rows[at]))
+    if header.holds_numbers:
+        raise DataError(path, "has no header: its first line is made of numbers", _KNOWN)
     yaw = next((name for name in _YAWS if header.find_unit(name, RADIANS) is not None), None)
+    if yaw is None and not any(header.find_unit(name, DIMENSIONLESS) for name in _QUATERNION):
+        yaw = _YAWS[0]
     wanted = [("x", METRES), ("y", METRES), *([(yaw, RADIANS)] if yaw else [(name, DIMENSIONLESS) for name in _QUATERNION])]
     words = [row.split(",") for row in rows[at + 1 :] if not row.startswith("#")]
     stamps, table = read_converted(header, words, wanted, _KNOWN, what="pose")
+    if yaw in header.names and _fit_as_degrees(table):
+        problem = f"the column {yaw} states no unit, and its values fit the path only if they are degrees"
+        raise DataError(path, problem, f"name the unit in the header, such as {yaw} [deg] or {yaw} [rad]")
     yaws = [row[2] if yaw else read_yaw(path, f"pose {k}", row[2:]) for k, row in enumerate(table.tolist(), 1)]
     return make_trajectory(path, stamps, np.column_stack([table[:, :2], np.array(yaws, dtype=np.float64)]))
+
+
+def _fit_as_degrees(poses: NDArray[np.float64]) -> bool:
+    """Returns whether yaws beyond a whole turn of 2 pi lie along the path of poses (N, 3) as degrees, but not as radians.
+
+    The poses are x, y [m] and a yaw of unknown unit, which may differ from the direction of the path by a constant angle.
+    """
+    steps, yaws = np.diff(poses[:, 0]) + 1j * np.diff(poses[:, 1]), poses[:-1, 2]
+    length_m = float(np.abs(steps).sum())
+    if length_m == 0.0 or float(np.abs(yaws).max()) <= 2.0 * np.pi:
+        return False
+    degrees, radians = (1.0 - abs(np.sum(steps * np.exp(-1j * yaws * unit))) / length_m for unit in (np.pi / 180.0, 1.0))
+    return bool(radians > max(_STRAY_LEAST, _STRAY_FACTOR * degrees))
 
 
 def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
@@ -322,7 +348,7 @@ def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]
     """Reads the stamps (count,) [us] of the poses of a file from the separate file of their times."""
     if times is None:
         what = "an array of poses" if path.suffix == ".npy" else "a KITTI trajectory"
-        raise DataError(path, f"is {what}, which holds no stamps", "give the file of its times, one per line")
+        raise DataError(path, f"is {what}, which holds no stamps", Remedy.GIVE_TIMES)
     stamps = _read_first_words(times)
     if len(stamps) != count:
         held = f"{count_of(len(stamps), 'stamp')} for the {count_of(count, 'pose')}"
@@ -415,4 +441,4 @@ def _refuse_counts(stamps: Path) -> None:
     times_us = _read_first_words(stamps)
     if np.array_equal(times_us, 1_000_000 * np.arange(len(times_us))):
         problem = "numbers its poses 0, 1, 2... instead of stamping them, because the SLAM system had no times"
-        raise DataError(stamps, problem, "give the file of their times, one per line")
+        raise DataError(stamps, problem, Remedy.GIVE_TIMES)

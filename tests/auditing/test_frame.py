@@ -73,3 +73,14 @@ def judge(change: Callable[[se2.Array], se2.Array]) -> tuple[VerdictStatus, str]
 def test_a_mirror_and_missing_headings_are_named(change: tuple[float, float, float], said: str) -> None:
     status, explanation = judge(lambda poses: poses * np.array(change))
     assert explanation.startswith(said) and (status is VerdictStatus.FAIL) is bool(said)
+
+
+def test_too_few_windows_that_turn_show_no_mirror_and_are_not_judged() -> None:
+    sweeps, engine = place(lambda poses: poses * [1.0, 1.0, 0.0]), LocalEngine(1)
+    assert sweeps.track is not None
+    straight = replace(sweeps, track=replace(sweeps.track, poses=np.sort(sweeps.track.poses * [1.0, 0.0, 0.0], axis=0)))
+    windows = [
+        replace(w, torn=True) for w in audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), engine, ignore_progress)
+    ]
+    finding = judge_readings(straight, windows, lambda _: sweeps, CONFIG.audit, CONFIG.estimator, engine)
+    assert not finding.judged and finding.reason.endswith("tear the map; all poses look the same way")

@@ -116,6 +116,15 @@ def test_noise_and_a_bias_of_a_gyroscope_are_no_turns_that_a_straight_trajectory
         assert checked(straight, unit).agrees is None, checked(straight, unit).statement
 
 
+def test_turns_that_differ_from_scan_to_scan_are_no_agreement() -> None:
+    """Yaw in degrees that is read as radians is one such case."""
+    track = trajectory()
+    noisy = track.poses + np.random.default_rng(5).normal(0.0, np.radians(2.0), COUNT)[:, None] * [0.0, 0.0, 1.0]
+    check = checked(Trajectory(track.stamps_us, noisy))
+    assert check.agrees is None and "which hides any smaller fault" in check.statement, check.statement
+    assert not judge_gyroscope(check).judged
+
+
 def test_noise_and_too_few_poses_tell_nothing() -> None:
     assert checked(trajectory(), Unit(scale=0.0)).agrees is None
     short = trajectory()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -63,6 +64,21 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
         shown = [step for step in judgement.steps if step.judged and step.registration.doubt_m <= CONFIG.audit.jump_m]
         assert len(shown) < STEP_FEWEST <= sum(step.judged for step in judgement.steps)
         assert not judgement.tests["steps"][0].judged
+
+
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_a_jump_of_the_poses_fails_a_short_map_only_if_its_scans_show_it(is_shown: bool) -> None:
+    """If they do not, the stamps of the poses may jitter. Too few steps show how far a step is off by chance."""
+    recording, scans = block_drive()
+    truth, few = recording.ground_truth, scans.take(range(28))
+    jumped = truth.poses + np.where(np.arange(len(truth)) >= 14, 1.2, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    sweeps, _ = place_sweeps(few, Trajectory(truth.stamps_us, jumped if is_shown else truth.poses), BEAM)
+    assert sweeps.track is not None
+    sweeps = replace(sweeps, track=replace(sweeps.track, poses=jumped))
+    judgement = audit(sweeps, *SETTINGS, HERE, ignore_progress)
+    (finding,) = judgement.tests["trajectory"]
+    assert finding.status == ("fail" if is_shown else "warn") and "no vehicle moves like that" in finding.reason
+    assert not judgement.tests["steps"][0].judged
 
 
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:

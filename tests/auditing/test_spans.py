@@ -11,7 +11,7 @@ from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_spans
 from mqslam.auditing.registration import Registration, register
-from mqslam.auditing.spans.measured import find_spans, fit_to_reach, pick_ends, register_spans
+from mqslam.auditing.spans.measured import explain_few_spans, find_spans, fit_to_reach, pick_ends, register_spans
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans, estimate_covariances
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.table import share_of_false_alarms
@@ -83,6 +83,21 @@ def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_tu
     pair = crossing - 1, crossing + 2
     registration = register(sweeps, pair, pick_ends(pair), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
     assert registration is not None and abs(registration.between[2]) < 1.0
+
+
+def test_too_few_spans_are_counted_and_the_length_of_drive_that_has_more_is_named() -> None:
+    recording, scans = block_drive()
+    sweeps = place_sweeps(scans.take(range(80)), recording.ground_truth, beam_of(CONFIG.estimator, 0.0))[0]
+    few = [lay_by_chance(np.random.default_rng(k), 1.0) for k in range(9)]
+    why = explain_few_spans(few, sweeps)
+    assert re.fullmatch(
+        r"only 9 spans of \d+ m of path could be measured, too few: it takes 15, and thus a drive of at least 2\d\d m", why
+    ), why
+    near = replace(sweeps, points=np.repeat(sweeps.poses[:, :2], np.diff(sweeps.begins), axis=0))
+    assert explain_few_spans([], near).startswith(
+        "no span can be measured, since the sensor sees most things nearer than 15 m"
+    )
+    assert why in judge_spans([], CONFIG.audit, CONFIG.verdict, why).reason and not explain_few_spans(few * 2, sweeps)
 
 
 def lay_by_chance(random: np.random.Generator, spread: float, offset: object = 0.0) -> Registration:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -163,3 +164,16 @@ def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing(
     assert np.isnan(compute_p_values(hidden)).all()
     finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit, CONFIG.verdict)
     assert finding.reason == "jumps: too few steps could be measured, so that a jump of up to 0.5 m could hide"
+
+
+def test_of_steps_that_share_scans_the_one_that_is_off_the_farthest_counts() -> None:
+    """A step beside a jump may fit better, since only a part of its scans is displaced."""
+    steps = [StepAudit(step, float(k), 1.0) for k, step in enumerate(wander(40, 0.1, 1))]
+    for k, (off_m, best) in enumerate([(0.19, 1.18), (0.55, 1.21), (0.56, 1.22)], 20):
+        moved = replace(steps[k].registration, offset=np.array([off_m, 0.0, 0.0]), psi=1.3, psi_best=best)
+        steps[k] = StepAudit(moved, float(k), 1e-9)
+    found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
+    finding = judge_steps(steps, found, CONFIG.audit, CONFIG.verdict)
+    assert [step.t for step in found] == [22.0] and finding.status is VerdictStatus.FAIL
+    assert finding.reason == "the map jumps by 0.56 m at 22.0 s"
+    assert [step.t for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict, fit_best=True)] == [20.0]

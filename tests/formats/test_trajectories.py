@@ -203,6 +203,26 @@ def test_a_bag_without_two_poses_is_refused(tmp_path: Path) -> None:
         read_trajectory(tmp_path / "still.bag")
 
 
+@pytest.mark.parametrize(("turn", "first"), [(2.0 * np.pi, 0.0), (0.6, 1.0)])
+def test_yaw_in_degrees_without_a_unit_is_refused_and_wound_radians_are_not(
+    tmp_path: Path, turn: float, first: float
+) -> None:
+    yaw = np.linspace(0.0, turn, 50)
+    x, y = np.cumsum(np.cos(yaw)), np.cumsum(np.sin(yaw))
+
+    def read(name: str, yaws: np.ndarray) -> Trajectory:
+        path = tmp_path / "t.csv"
+        np.savetxt(path, np.column_stack([np.arange(50), x, y, yaws]), delimiter=",", header=f"t,x,y,{name}", comments="")
+        return read_trajectory(path)
+
+    degrees = np.degrees(yaw + first)
+    with pytest.raises(DataError, match=r"the column yaw states no unit, .* such as yaw \[deg\] or yaw \[rad\]"):
+        read("yaw", degrees)
+    np.testing.assert_allclose(read("yaw [deg]", degrees).poses[:, 2], yaw + first)
+    np.testing.assert_allclose(read("yaw [rad]", degrees).poses[:, 2], degrees)
+    np.testing.assert_allclose(read("yaw", yaw + first + 4.0 * np.pi).poses[:, 2], yaw + first + 4.0 * np.pi)
+
+
 KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
 
 
@@ -213,8 +233,10 @@ KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
         (b"# nothing, but words\n", "is no trajectory in a known format: the file holds nothing but comments"),
         (b"1 2 3\n", r"is no trajectory in a known format \(3 words in its .* TUM \(8 numbers per line, or 20, 29 or 44 w"),
         (b"1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "stamps do not increase at pose 2"),
-        (b"t,x,y\n1,2,3\n2,3,4\n", r"has no column qx, qy, qz, qw \(columns: t, x, y\)"),
-        (b"1,2,3,0\n2,3,4,0\n", r"has no column t, x, y, qx"),
+        (b"t,x,y\n1,2,3\n2,3,4\n", r"has no column yaw \(columns: t, x, y\)"),
+        (b"t,x,y,qx,qy\n1,2,3,0,0\n", r"has no column qz, qw \(columns: t, x, y, qx, qy\)"),
+        (b"1,2,3,0\n2,3,4,0\n", "has no header: its first line is made of numbers"),
+        (b"t;x;y;yaw\n1;2;3;0\n", "is no trajectory in a known format: its columns are separated by semicolons; use commas"),
         (b"t,x,y,yaw\n1,2,3,0\n", "holds 1 pose;"),
         (b"t,x,y,yaw\n", "holds 0 poses"),
         (b"t,x,y,qx,qy,qz,qw\n1,2,3,0,0,0,1\n2,3,4,0,0,0,0\n", "pose 2 has a quaternion of zeros"),

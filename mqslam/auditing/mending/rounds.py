@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import find_bias
+from mqslam.auditing.findings import find_bias, find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.evidence import (
     allow_for_turns,
@@ -33,7 +33,9 @@ from mqslam.auditing.mending.evidence import (
 )
 from mqslam.auditing.mending.tied_chain import Tie, TiedChain
 from mqslam.auditing.registration import Registration
+from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import apply_tolerance
 from mqslam.auditing.verdict import GRAVEST_FIRST, WINDOWS_WARN, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import Config
@@ -193,7 +195,7 @@ class _Mender:
         self._is_noisy = share_torn(given.audit.windows).is_above(WINDOWS_WARN)
         self._jumps = {
             step.registration.later: step.registration.offset
-            for step in given.audit.jumps
+            for step in self._find_jumps(given.audit)
             if not self._is_noisy or np.hypot(*step.registration.offset[:2]) > config.audit.jump_m
         }
         self._across: dict[int, Tie] = {}  # ties across jumps, each from the last round that measured it
@@ -210,10 +212,15 @@ class _Mender:
         torn = any(revisit.torn for revisit in given.revisits)
         return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
+    def _find_jumps(self, audit: Audit) -> list[StepAudit]:
+        """Returns the steps at which the map of an audit jumps, each where the scans fit best once it is corrected."""
+        config = self._config
+        return find_torn_steps(audit.steps, apply_tolerance(config.audit, config.verdict), config.verdict, fit_best=True)
+
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
         """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the counts of ties and loops."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
-        jumps = {step.registration.later for step in audit.jumps}
+        jumps = {step.registration.later for step in self._find_jumps(audit)}
         across = tie_steps(audit.steps, sweeps, jumps)
         self._across |= {place: across[place] for place in self._jumps if place in across}
         windows = tie_windows(audit, sweeps, jumps)

@@ -9,7 +9,7 @@ of the span is the median of these measurements, and their differences show how 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.registration import Registration, Shared, register
 from mqslam.auditing.sizes import STEP_SCANS
+from mqslam.auditing.spans.pooled import SPAN_FEWEST
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import find_median
 from mqslam.core.stored import release
+from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress, count_items
 from mqslam.mapping.keyframing import pick_spaced
 
@@ -79,6 +81,19 @@ def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
         of_sweep = np.repeat(np.arange(begin, end), np.diff(sweeps.begins[begin : end + 1]))
         yield np.hypot(*(sweeps.points[sweeps.span(begin, end)] - sweeps.poses[of_sweep, :2]).T)
         release(sweeps.points)
+
+
+def explain_few_spans(spans: Sequence[Registration], sweeps: Sweeps) -> str:
+    """Returns in words why the spans of a map are too few, and whether a longer drive has more; "" if they are enough."""
+    if len(spans) >= SPAN_FEWEST:
+        return ""
+    span_m = fit_to_reach(sweeps)
+    if span_m < _SPAN_LEAST_M:
+        return f"no span can be measured, since the sensor sees most things nearer than {_SPAN_LEAST_M:g} m"
+    found = f"only {count_of(len(spans), 'span')}" if spans else "no span"
+    long_m = span_m * (1.0 + _EVERY * (SPAN_FEWEST - 1))
+    needed = f"it takes {SPAN_FEWEST}, and thus a drive of at least {long_m:.0f} m"
+    return f"{found} of {span_m:.0f} m of path could be measured, too few: {needed}"
 
 
 def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.0) -> list[tuple[int, int]]:
