@@ -141,12 +141,15 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
     return sweeps, inside
 
 
-def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
+def require_covered(
+    scans: Scans, trajectory: Trajectory, why_apart: str = "it may belong to another recording"
+) -> list[int]:
     """Returns the indices of the scans that a trajectory covers, and requires at least two.
 
     Args:
         scans: scans of a recording.
         trajectory: poses of the sensor.
+        why_apart: why the trajectory may cover no scan, in words.
 
     Raises:
         EstimationError: the trajectory covers fewer than two scans.
@@ -161,7 +164,7 @@ def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
         spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamp_spans(scans)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
-            f"the trajectory ({track}) and the recording ({recording}) share no time: it may belong to another recording",
+            f"the trajectory ({track}) and the recording ({recording}) share no time: {why_apart}",
             Remedy.GIVE_OTHER_TRAJECTORY,
         )
     return inside

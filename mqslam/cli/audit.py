@@ -64,7 +64,8 @@ _OWN: Options = {
     "baseline": option(
         Path | None,
         None,
-        "Folder of an earlier audit. Exit with 1 if the verdict or a test is worse than in that audit.",
+        "Folder of an earlier audit. Exit with 1 if the verdict or a test is worse than in that audit; from the worst, the "
+        "verdicts are fail, warn, not judged, pass.",
         "--baseline",
         metavar="OLD",
     ),

@@ -21,6 +21,7 @@ _SHOWN = (  # groups of figures that are printed; --json lists all groups
     *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
     *("last_pose", "factors", "evaluation"),
 )
+_NO_TRAJECTORIES = "a result holds none (audits keep no trajectory) or they share fewer than 3 stamps"
 _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 
@@ -63,7 +64,9 @@ def _parse_options(line: str) -> dict[str, Any] | None:
 
 def _format(differences: dict[str, Any]) -> str:
     """Returns differences as text, with a heading for each kind, given what `diff_results` returned."""
-    shown = {name: both for name, both in differences["figures"].items() if name.partition(".")[0] in _SHOWN}
+    figures = differences["figures"]
+    shown = {name: both for name, both in figures.items() if name.startswith("tests.") and name.endswith(".status")}
+    shown |= {name: both for name, both in figures.items() if name.partition(".")[0] in _SHOWN}
     options = differences["options"]
     given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}
     unknown = "options: not known, because run.log of a result holds no command of mqslam, or that of a batch"
@@ -79,7 +82,7 @@ def _format(differences: dict[str, Any]) -> str:
         parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]
     if apart is None:
-        return "\n".join([*parts, "trajectories: not compared, because one is missing or they share fewer than 3 stamps"])
+        return "\n".join([*parts, f"trajectories: not compared, because {_NO_TRAJECTORIES}"])
     rows = [("trajectories", "")]
     for key, name in _CASES.items():
         case = apart[key]

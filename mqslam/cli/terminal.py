@@ -40,7 +40,7 @@ _STAGES = {  # the title of each stage, and the unit that the stage counts
     "runs": ("running recordings", "recording"),
     "audit": ("judging windows", "window"),
     "steps": ("judging steps", "place"),
-    "doubtful steps": ("judging doubtful steps", "place"),
+    "doubtful steps": ("searching farther around doubtful steps", "place"),
     "spans": ("judging scale and yaw rate", "span"),
     "speeds": ("checking the speed", "place"),
     "speeds in gaps": ("checking the speed in gaps", "place"),

@@ -33,7 +33,7 @@ from mqslam.auditing.table import MapTest
 from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
-from mqslam.commands.inputs import WHOLE, carry_to_radar, check_arguments, open_radar_or_lidar, read_extrinsics
+from mqslam.commands.inputs import WHOLE, Span, carry_to_radar, check_arguments, open_radar_or_lidar, read_extrinsics
 from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
@@ -42,7 +42,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import left_or_right
+from mqslam.core.wording import count_of, left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, DataError, Remedy, find_near, require_type, to_path, untrusted
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
@@ -163,7 +163,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             subject = _place_cloud(data, read_cloud(data, heights), given, config)
         else:
             settings = load_config(config)
-            recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
+            recording = _open(data, format, range_resolution, settings, given, (start_s, end_s), time_offset_s)
             if isinstance(recording, LidarRecording):
                 settings, source = fit_to_rooms(settings), make_lidar_source(recording)
                 subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings)
@@ -198,12 +198,16 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 None if sweeps.track is None else name,
                 warnings,
                 stated,
+                is_part=(start_s, end_s) != WHOLE,
             ),
             "notes": notes,
             "gyroscope": None if turning is None else summarise_check(turning),
-            "covariances": _judge_honesty(judged, notes, work, is_stated=relative is not None),
+            "covariances": _judge_honesty(judged, notes, work),
         }
-        summary["baseline"] = earlier and {"path": str(baseline), "worse": list_worse(summary, earlier)}
+        summary |= {
+            "not_judged": summary["not_judged"] + _list_unknown_covariances(summary, relative),
+            "baseline": earlier and _compare(summary, earlier, str(baseline), notes, work),
+        }
         mended: Mended | None = None
         if mend and track is not None:
             audited = AuditedTrajectory(track, sweeps, judged)
@@ -215,7 +219,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 work.engine,
                 work.progress,
             )
-            summary["mended"] = summarise_mended(mended, summary, settings)
+            summary["mended"] = summarise_mended(mended, summary, settings, is_part=(start_s, end_s) != WHOLE)
         with write_folder_aside(out) as folder:
             write_audit(folder, settings, summary, work.word)
             if mended is not None:
@@ -242,7 +246,48 @@ def _read_baseline(folder: Path) -> dict[str, Any]:
     return result.summary
 
 
-def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work, *, is_stated: bool) -> dict[str, Any] | None:
+def _open(
+    data: Path,
+    format: str | None,
+    range_resolution: float | None,
+    settings: Config,
+    given: Trajectory | None,
+    span: Span,
+    time_offset_s: float,
+) -> Recording:
+    """Opens the recording to audit; the arguments are those of `audit`.
+
+    Raises:
+        MqslamError: it cannot be opened, or `given` shares no time with it in the stretch `span` or after the offset.
+    """
+    recording = open_radar_or_lidar(data, format, range_resolution, settings, span=span)
+    causes = ["only a stretch of the recording was asked for"] if span != WHOLE else []
+    causes += [f"an offset of {time_offset_s:g} s was added to the trajectory's stamps"] if time_offset_s != 0.0 else []
+    if given is not None and causes:
+        scans = recording.scans if isinstance(recording, LidarRecording) else make_scans(recording)
+        require_covered(scans, given, ", and ".join(causes))
+    return recording
+
+
+def _list_unknown_covariances(summary: dict[str, Any], stated: RelativeCovariances | None) -> list[str]:
+    """Returns a line for the entry `not_judged` if covariances are stated, but nothing shows whether they are right."""
+    is_unknown = stated is not None and summary["covariances"] is None
+    return ["the stated covariances: no revisit shows whether they are right"] if is_unknown else []
+
+
+def _compare(
+    summary: dict[str, Any], earlier: dict[str, Any], path: str, notes: list[str], work: Work
+) -> dict[str, str | list[str]]:
+    """Returns the entry `baseline` of audit.json; a note says so if the earlier audit is of other scans."""
+    own, other = summary["dataset"], earlier.get("dataset") or {}
+    if any(own[name] != other.get(name) for name in ("format", "sweeps")):
+        was, now = (f"{count_of(one.get('sweeps', 0), 'scan')} ({one.get('format')})" for one in (other, own))
+        notes.append(f"the baseline is an audit of {was}, not of these {now}: a change may come from the data alone")
+        work.tell(notes[-1])
+    return {"path": path, "worse": list_worse(summary, earlier)}
+
+
+def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[str, Any] | None:
     """Compares the covariances that a trajectory states with its errors at revisits, and adds the outcome to `notes`.
 
     Returns:
@@ -250,8 +295,6 @@ def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work, *, is_stat
     """
     honesty = judge_honesty(judged.revisits)
     if honesty is None:
-        if is_stated:
-            notes.append("the stated covariances were read, but no revisit shows whether they are right")
         return None
     notes.append(honesty.statement)
     work.tell(honesty.statement)
@@ -314,7 +357,9 @@ class _Subject:
         The list is empty if there is no odometry, if the odometry itself is audited, or if the points have no trajectory.
         """
         trajectory, odometry = self._find_shown(shown), None if self.source is None else self.source.tracks.get(ODOMETRY)
-        if self.source is None or odometry is None or odometry is self.track or trajectory is None:
+        if self.source is None or odometry is None or self.track is None or trajectory is None:
+            return []
+        if np.array_equal(odometry.stamps_us, self.track.stamps_us) and np.array_equal(odometry.poses, self.track.poses):
             return []
         return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
 

@@ -17,6 +17,14 @@ from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
 from mqslam.results.files import read_origin
 
+_COMMANDS: Final = {
+    "RunResult": "run",
+    "AuditResult": "audit",
+    "CompareResult": "compare",
+    "LocaliseResult": "localise",
+    "MergeResult": "merge",
+    "Result": "batch",
+}
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
 _OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # sections that change the returns or psi
@@ -52,7 +60,11 @@ def diff_results(
     results = [read_result(folder) for folder in (first, second)]
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
-        raise DataError(Path(second), f"is the result of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
+        raise DataError(
+            Path(second),
+            f"is the result of another command than {first} ({_COMMANDS[kinds[1]]}, not {_COMMANDS[kinds[0]]})",
+            _REMEDY,
+        )
     for result in results:
         if "runs" in result.summary:
             raise DataError(result.folder, "is the result of a batch", "give the folders of two of its runs")

@@ -145,7 +145,7 @@ def blame_file(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except MqslamError:
+    except (MqslamError, BrokenPipeError):  # a pipe that breaks is one that is written to, not the file
         raise
     except MemoryError as error:
         raise DataError(path, "does not fit into the memory", _DAMAGED) from error

@@ -143,7 +143,7 @@ def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[d
     return rows
 
 
-def summarise(
+def summarise(  # noqa: PLR0913 - these are all parts of audit.json
     audit: Audit,
     sweeps: Sweeps,
     settings: AuditConfig,
@@ -152,6 +152,8 @@ def summarise(
     trajectory: str | None,
     warnings: Sequence[str] = (),
     extrinsics: tuple[float, float, float] | None = None,
+    *,
+    is_part: bool = False,
 ) -> dict[str, Any]:
     """Returns the content of audit.json.
 
@@ -164,6 +166,7 @@ def summarise(
         trajectory: source of the trajectory; None for a point cloud without a trajectory.
         warnings: warnings that a reader must know before the numbers.
         extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if none were stated.
+        is_part: whether only a stretch of a recording was asked for, so that poses outside of it are left out on purpose.
     """
     torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
     sure = [r for r in audit.revisits if r.sure]
@@ -185,7 +188,7 @@ def summarise(
         },
         "trajectory": trajectory,
         "verdict": audit.verdict._asdict(),
-        "not_judged": list_unjudged(audit) + _list_uncovered(sweeps),
+        "not_judged": list_unjudged(audit) + _list_uncovered(sweeps, is_part=is_part),
         "threshold": TORN_INFLATION,
         "bend_m": apply_tolerance(settings, bounds).bend_m,
         "speeds": _summarise_speeds(audit),
@@ -216,7 +219,7 @@ def share_to_numbers(torn: Share) -> dict[str, Any]:
     return {"torn": torn.count, **bounds}
 
 
-def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
+def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config, *, is_part: bool = False) -> dict[str, Any]:
     """Returns the entry `mended` of audit.json: how the trajectory was mended, and the audit of the mended trajectory.
 
     Entries that are the same for both trajectories (`_OF_BOTH`) are left out.
@@ -225,9 +228,11 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
         mended: the mended trajectory and its audit.
         given: content of audit.json on the given trajectory.
         config: all settings.
+        is_part: whether only a stretch of the recording was asked for.
     """
     judged = mended.result
-    own = summarise(judged.audit, judged.sweeps, config.audit, config.verdict, given["dataset"], given["trajectory"])
+    sections, of = (config.audit, config.verdict), (given["dataset"], given["trajectory"])
+    own = summarise(judged.audit, judged.sweeps, *sections, *of, is_part=is_part)
     return {
         "sentence": describe_mended(mended, given),
         "rounds": mended.rounds,
@@ -281,10 +286,11 @@ def list_unjudged(audit: Audit) -> list[str]:
     ]
 
 
-def _list_uncovered(sweeps: Sweeps) -> list[str]:
+def _list_uncovered(sweeps: Sweeps, *, is_part: bool) -> list[str]:
     """Returns a line on scans without poses, and one on times with poses but without points.
 
     Each line is left out if what it is about is not longer than a window; without a trajectory, there are no lines.
+    Poses at other times than those of a part of a recording are left out on purpose.
     """
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
@@ -296,7 +302,7 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
         scans = f"{track.uncovered} of {count_of(track.scans, 'scan')}"
         missing.append(f"{scans}: the trajectory has poses {describe_times(begin, end)} only")
     parts = [describe_times(a, b) for a, b in ((begin, first), (last, end)) if b - a > span_s]
-    if parts:
+    if parts and not is_part:
         missing.append(f"poses {' and '.join(parts)}: the data hold no points from that time")
     return missing
 

@@ -179,7 +179,7 @@ def test_diff_compares_results_of_versions_with_other_settings(finished: Path, o
 def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
-    assert shown.code == 2 and f"is the result of another command than {finished} (AuditResult, not RunResult)" in shown.err
+    assert shown.code == 2 and f"is the result of another command than {finished} (audit, not run)" in shown.err
     (tmp_path / "audit.json").rename(tmp_path / "batch.json")
     (tmp_path / "batch.json").write_text('{"warnings": [], "runs": []}')
     shown = mqslam("diff", tmp_path, tmp_path)
