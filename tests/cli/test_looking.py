@@ -176,6 +176,14 @@ def test_diff_compares_results_of_versions_with_other_settings(finished: Path, o
     assert found["settings"]["former.setting"] == [None, 3]
 
 
+def test_diff_shows_first_which_tests_changed(finished: Path, other: Path) -> None:
+    summary = json.loads((other / "summary.json").read_text())
+    name = next(iter(summary["tests"]))
+    summary["tests"][name]["status"] = "changed"
+    (other / "summary.json").write_text(json.dumps(summary))
+    assert f"figures\ntests.{name}.status" in mqslam("diff", finished, other).out
+
+
 def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)

@@ -29,5 +29,11 @@ def test_a_run_an_audit_and_a_comparison_take_the_scans_of_a_stretch(street: Pat
     assert summary["evaluation"]["ate_rmse_m"] < 0.5  # the truth of the same stretch
     assert "scans from 2 s to 5.9 s are used" in (out["ran"] / "run.log").read_text()
     assert "scans from 2 s to 5.9 s are used" in (out["audited"] / "audit.json").read_text()
+    assert "hold no points from that time" not in (out["audited"] / "audit.json").read_text()
+    part = ("--trajectory", out["ran"] / "trajectory.tum", "--start", "8", "--quiet")
+    apart = mqslam("audit", street, "--out", tmp_path / "apart", *part)
+    assert apart.code == 2 and "share no time: only a stretch of the recording was asked for" in apart.err
+    late = mqslam("audit", street, "--out", tmp_path / "apart", *part[:2], "--time-offset", "3600", "--quiet")
+    assert late.code == 2 and "share no time: an offset of 3600 s was added to the trajectory's stamps" in late.err
     (row,) = json.loads((out["compared"] / "compare.json").read_text())["rows"]
     assert row["failure"] is None and row["ate_rmse_m"] < 0.5

@@ -122,3 +122,8 @@ def test_documents_have_a_size(tmp_path: Path) -> None:
     assert len(untrusted.read_document(path)) == 1001
     with pytest.raises(DataError, match=r"is larger than 0\.001 MB"):
         untrusted.read_document(path, 1000)
+
+
+def test_a_pipe_that_nobody_reads_any_more_is_no_fault_of_the_file() -> None:
+    with pytest.raises(BrokenPipeError), untrusted.blame_file(Path("result")):
+        raise BrokenPipeError
