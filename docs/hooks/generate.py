@@ -166,16 +166,15 @@ map in a hundred is called bad (`--false-alarms`); all tests with a p-value shar
 (of windows, of revisits), `fail` requires 95 % confidence that the share is above its bound, and with too few places the
 map is `not judged`. `fail` means that the map is not to be trusted: more than 20 % of its windows, spans or path or 10 %
 of its revisits are wrong, or its scans show that it jumps by more than the tolerated distance of two passes. `warn`
-means that something smaller is wrong, or that the poses jump and the scans do not show it, since stamps that jitter look
-like jumps, too. A map that passes may still have the faults that could not be judged.
+means that something smaller is wrong, or that poses jump and the scans do not show it, as where stamps jitter. A map that
+passes may still have the faults that could not be judged.
 
 | test | what it compares | what it tolerates | of a lidar | what it cannot see |
 |---|---|---|---|---|"""
 
 _AFTER_TABLE = """*Final psi* is psi of the map divided by the best psi that the same returns can have, over windows and
-across passes; at 1.00 each window, or each pass on the other, is as crisp as it can be. It says nothing of jumps and of
-drift, which leave every window crisp. psi per point of a whole map can prefer the wrong map. Only a run's `graph` uses it,
-and only to compare two maps of the same returns, before and after optimisation.
+across passes; at 1.00 each window, or each pass, is as crisp as it can be, whatever jumps and drift lie between them. psi per
+point of a whole map can prefer the wrong map. Only a run's `graph` uses it, to compare two maps of the same returns.
 [The tests of a map](map-tests.md) says how each test works. `audit.json` and `summary.json` hold the diagnosis, the
 reasons, and each test's verdict and p-value.
 """
