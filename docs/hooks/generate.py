@@ -173,8 +173,7 @@ passes may still have the faults that could not be judged.
 |---|---|---|---|---|"""
 
 _AFTER_TABLE = """*Final psi* is psi of the map divided by the best psi that the same returns can have, over windows and
-across passes; at 1.00 each window, or each pass, is as crisp as it can be, whatever jumps and drift lie between them. psi per
-point of a whole map can prefer the wrong map. Only a run's `graph` uses it, to compare two maps of the same returns.
-[The tests of a map](map-tests.md) says how each test works. `audit.json` and `summary.json` hold the diagnosis, the
-reasons, and each test's verdict and p-value.
+across passes; at 1.00 each window, or each pass, is as crisp as it can be, whatever jumps and drift lie between them. Only
+`graph` uses psi of a whole map, to compare two maps of the same returns. [The tests of a map](map-tests.md) says how each
+test works. `audit.json` and `summary.json` hold the diagnosis, the reasons, and each test's verdict and p-value.
 """
