@@ -141,10 +141,6 @@ WRONG_TYPES = {
         lambda drive, out: mqslam.loop_factors(drive, LINE.poses),
         r"trajectory must be gtsam\.Values, or a mqslam\.Trajectory, such as .* type ndarray",
     ),
-    "half a scan": (
-        lambda drive, out: list(mqslam.open_recording(drive).polar_scans(0.5, 2)),
-        "each of start and stop must be the number of a polar scan",
-    ),
     "a slice of scans": (
         lambda drive, out: mqslam.open_recording(drive)[:4],
         r"take several from polar_scans\(start, stop\)",

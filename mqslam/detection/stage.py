@@ -199,7 +199,8 @@ def _check_recording(recording: Recording) -> None:
 
 def _check_polar_scan(recording: Recording, k: int, polar_scan: PolarScan) -> None:
     """Raises DataError unless the arrays of polar scan k are what `PolarScan` states; a user may have written its reader."""
-    times, azimuths, begin = polar_scan.times, polar_scan.azimuths, float(recording.start_times[k])
+    times, azimuths = polar_scan.times, polar_scan.azimuths
+    begin = 1e-6 * (int(recording.stamps_us[k]) - recording.start_us)
     shapes = [np.shape(column) for column in (times, azimuths, polar_scan.power, polar_scan.valid)]
     count, begins = len(polar_scan.times), [shape[:1] for shape in shapes]
     if [len(shape) for shape in shapes] != [1, 1, 2, 1] or any(shape != (count,) for shape in begins):

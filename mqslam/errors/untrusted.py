@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import wraps
-from numbers import Integral
 from pathlib import Path
 from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 
-from mqslam.errors import DataError, MqslamError, raise_interrupt, require_type
+from mqslam.errors import DataError, MqslamError, raise_interrupt
 
 _ALWAYS_BYTES = 16_000_000  # compressed data of any size may unpack to this many bytes
 _MOST_EXPANSION = 20  # plus this many times the packed size, since measurements can hardly be compressed
@@ -178,8 +177,6 @@ def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[
 
     @wraps(read)
     def read_and_blame(recording: R, /, *arguments: P.args, **named: P.kwargs) -> Iterator[T]:
-        for number in (*arguments, *named.values()):
-            require_type(number, Integral | None, "each of start and stop", "the number of a polar scan, or None")
         with blame_file(recording.path):
             yield from read(recording, *arguments, **named)
 
