@@ -341,20 +341,21 @@ _DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  
 _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
-def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig, few: str = _FEW) -> Finding:
+def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig, few: str = "") -> Finding:
     """Judges a map by its spans: `warn` if any span is torn, `fail` if their share is surely above `WINDOWS_FAIL`.
 
     Args:
         spans: spans of the map; those without a p-value are left out.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
-        few: why the spans are too few, in words, if they are.
+        few: why the spans are too few, in words; "" if there are enough, though perhaps none with a p-value.
     """
     tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
         most_m, _ = tolerate_window(settings)
-        reason = f"stretches of path: {few}, so that {most_m:g} m of error in each window of {WINDOW} scans could hide"
+        hidden = f"{most_m:g} m of error in each window of {WINDOW} scans could hide"
+        reason = f"stretches of path: {few or _FEW}, so that {hidden}"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     p_value = find_smallest(span.p_value for span in judged)
     usual_m = float(np.median([span.registration.path_m for span in judged]))

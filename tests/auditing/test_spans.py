@@ -166,6 +166,7 @@ def test_a_few_spans_show_nothing() -> None:
         CONFIG.verdict,
     )
     assert not judge_spans(spans, CONFIG.audit, CONFIG.verdict).judged
+    assert ": too few spans could be measured, so that" in judge_spans(spans, CONFIG.audit, CONFIG.verdict, "").reason
     assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict) == []
 
 

@@ -234,7 +234,6 @@ def align_passes(
     alignment = align(references, later, guess, reach, estimator)
     if not does_match(alignment, MATCHED) or np.sqrt(np.diag(alignment.covariance)[:2]).max() > _SURE_M:
         return None
-    points = move_rigidly(later, alignment.pose)
-    if on_surfaces and measure_matched_information(references, points, estimator) < MATCHED:
+    if on_surfaces and measure_matched_information(references, move_rigidly(later, alignment.pose), estimator) < MATCHED:
         return None
     return alignment
