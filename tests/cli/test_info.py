@@ -109,6 +109,6 @@ def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> 
     assert facts["recording"] == {"poses": 4, "length_m": 3.0}
     assert "recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map" in mqslam("info", log).out
     shown = mqslam("info", tmp_path)
-    assert shown.code == 2 and "an .mcap or an .npz, or scans.log in it, if this is a lidar's log" in shown.err
+    assert shown.code == 2 and "bag with sensor_msgs/LaserScan; scans.log in this folder may be such a log" in shown.err
     shown = mqslam("check", log)
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -123,6 +123,11 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("info .", ".: ", {"notes.txt": "hello"}),
     ("convert nowhere out.bag", "nowhere: does not exist", {}),
     ("convert notes out", "notes: is no recording in a known layout", {"notes/notes.txt": "hello"}),
+    (
+        "info notes",
+        "a planar lidar's recording is a CARMEN log (.log or .clf, also .gz) or a bag with ",
+        {"notes/notes.txt": "hi"},
+    ),
     ("convert OXFORD out.png", "out.png: no layout has the suffix '.png'; end it in .bag, .mcap or .npz", {}),
     ("convert OXFORD out --to borea", "layout 'borea': is unknown; did you mean boreas?", {}),
     ("convert OXFORD out.bag --to mcap", "out.bag: mcap is a file that ends in .mcap", {}),

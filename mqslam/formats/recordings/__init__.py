@@ -143,7 +143,8 @@ def _guess_layout(path: Path) -> Layout:
     raise DataError(
         path,
         "is no recording in a known layout",
-        f"{Remedy.NAME_LAYOUT} ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, sensor_data/radar/polar or "
-        "Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz"
-        + (f", or {logs[0]} in it, if this is a lidar's log" if logs else ""),
+        f"{Remedy.NAME_LAYOUT} ({', '.join(FORMATS)}), or give a radar's folder with radar/<t>.png, sensor_data/radar/polar "
+        "or Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz; a planar lidar's recording is a CARMEN log "
+        "(.log or .clf, also .gz) or a bag with sensor_msgs/LaserScan"
+        + (f"; {logs[0]} in this folder may be such a log" if logs else ""),
     )
