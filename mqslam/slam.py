@@ -28,8 +28,9 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import scale_measurement
+from mqslam.core.units import fit_to_lidar, scale_measurement
 from mqslam.detection.stage import detect_all
+from mqslam.detection.surfaces import prepare
 from mqslam.errors import EstimationError, FewReturnsError, require_type
 from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
@@ -86,6 +87,10 @@ class Slam:
         require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
         require_type(recording, Recording, "recording", "an open recording, as mqslam.open_recording returns it")
         config, runner = self._config, self._runner
+        if isinstance(recording, LidarRecording) and recording.scans.unit_m is None:  # as it was read
+            prepared = prepare(recording, odometry)
+            slam = Slam(fit_to_lidar(config, prepared.scans), self._name, runner, strict=self._strict)
+            return slam.run(prepared, odometry, sensors)
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises, before the recording is read, if the front end lacks an input

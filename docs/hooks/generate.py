@@ -19,8 +19,8 @@ from mkdocs.structure.pages import Page
 from origins import CONSTANTS, ORIGINS
 
 from mqslam.auditing.table import TESTS
-from mqslam.commands.lidar_settings import LIDAR_CONFIG
 from mqslam.config import Config, load_config
+from mqslam.core.units import LIDAR_CONFIG
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

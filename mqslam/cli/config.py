@@ -57,8 +57,9 @@ def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) 
 
     Example: mqslam config diff result/config.yaml
     """
-    from mqslam.commands.lidar_settings import LIDAR_CONFIG, sort_changes
+    from mqslam.commands.lidar_settings import sort_changes
     from mqslam.config import load_config
+    from mqslam.core.units import LIDAR_CONFIG
     from mqslam.core.wording import count_of
 
     first, second = (None, name) if other is None else (name, other)

@@ -19,7 +19,7 @@ from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path
 from mqslam.formats.lidars import read_lidar
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings import open_radar
 from mqslam.formats.recordings.derived import clip
 from mqslam.formats.recordings.layout import Topics
 from mqslam.formats.sensors import read_fixes, read_gyroscope
@@ -84,7 +84,7 @@ def open_data(
     """
     sensor = settings.sensor
     resolution = sensor.range_resolution_m if range_resolution is None else range_resolution
-    recording = open_recording(
+    recording = open_radar(
         data,
         format,
         resolution,

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
-from mqslam.commands.lidar_settings import fit_to_lidar
 from mqslam.config import Config
 from mqslam.core.recording import LidarRecording
 from mqslam.core.sensors import RADAR
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import fit_to_lidar
 from mqslam.core.wording import join_words
 from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError

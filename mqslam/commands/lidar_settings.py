@@ -1,4 +1,4 @@
-"""Fits settings to lidars, and finds out which settings of a run were fitted to a lidar's recording."""
+"""Fits settings to rooms, and finds out which settings of a run were fitted to a lidar's recording."""
 
 from __future__ import annotations
 
@@ -7,21 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mqslam.config import Config, list_changes, load_config, set_doppler_beta
-from mqslam.core.scans import Scans
-from mqslam.core.units import find_unit, fit_settings, scale_settings
+from mqslam.core.units import LIDAR_CONFIG, find_unit, fit_settings, scale_settings
 
-LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for lidars, which hold what a recording cannot show."""
 ROOMS_CONFIG: Final = "rooms"
 """Name of the shipped settings with lengths that suit rooms, for audits of lidars' logs and of finished clouds."""
-
-
-def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings that were left at their defaults to a lidar.
-
-    Those that the configuration `lidar` holds get its values. Other lengths are multiplied by the scans' unit of length.
-    """
-    return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
 
 
 def fit_to_rooms(settings: Config) -> Config:

@@ -22,7 +22,6 @@ from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
 from mqslam.commands.inputs import open_radar_or_lidar
 from mqslam.commands.lidar_inputs import prepare_lidar
-from mqslam.commands.lidar_settings import fit_to_lidar
 from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
@@ -31,7 +30,7 @@ from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import SLOWEST_TURN_US, LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
+from mqslam.core.units import fit_to_lidar, scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, FewReturnsError, require_type

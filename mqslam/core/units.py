@@ -15,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from mqslam.config import Config
+from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined, Tie
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 
 T = TypeVar("T", bound=Tie)
+
+LIDAR_CONFIG: Final = "lidar"
+"""Name of the shipped settings for lidars, which hold what a recording cannot show."""
 
 # Settings that are lengths or speeds, besides those whose names end with the unit.
 _LENGTHS: Final = {
@@ -119,3 +123,11 @@ def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
                 values[key] = own if own != default else getattr(getattr(scaled, name), key)
         changed[name] = section.model_copy(update=values)
     return config.model_copy(update=changed)
+
+
+def fit_to_lidar(settings: Config, scans: Scans) -> Config:
+    """Fits settings that were left at their defaults to a lidar.
+
+    Those that the configuration `lidar` holds get its values. Other lengths are multiplied by the scans' unit of length.
+    """
+    return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)

@@ -142,6 +142,21 @@ def test_a_batch_runs_a_lidars_recording(rooms: tuple[Path, Trajectory], tmp_pat
         assert len(read_tum(tmp_path / "out" / name / "trajectory.tum")) == 60
 
 
+def test_an_open_lidars_log_takes_the_method_in_memory_to_the_trajectory_of_a_run(
+    rooms: tuple[Path, Trajectory], tmp_path: Path
+) -> None:
+    short = tmp_path / "short.log"
+    short.write_text("".join(rooms[0].read_text().splitlines(keepends=True)[:120]))
+    recording = mqslam.open_recording(short)
+    solved = mqslam.Slam().run(recording, recording.odometry)
+    track = mqslam.run(short, tmp_path / "out").read_trajectory()
+    moved = np.isin(track.stamps_us, solved.optimised.stamps_us)
+    assert 20 < len(solved.optimised) <= len(recording) == len(track)
+    np.testing.assert_allclose(solved.optimised.poses, track.poses[moved], atol=1e-6)
+    with pytest.raises(ConfigError, match="is a lidar's recording; leave out range_resolution and clockwise, which only "):
+        mqslam.open_recording(short, None, 0.05, clockwise=True)
+
+
 def test_factors_of_a_lidar_make_the_graph_of_a_run(rooms: tuple[Path, Trajectory], tmp_path: Path) -> None:
     log, truth = rooms
     short = tmp_path / "short.log"

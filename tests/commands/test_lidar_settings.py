@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.commands.lidar_settings import fit_to_lidar, fit_to_rooms, sort_changes
+from mqslam.commands.lidar_settings import fit_to_rooms, sort_changes
 from mqslam.config import Config, load_config, set_doppler_beta
 from mqslam.core.recording import stamp_scans
 from mqslam.core.scans import Returns
+from mqslam.core.units import fit_to_lidar
 
 ONE = np.ones(1)
 SCANS = replace(stamp_scans(np.array([0, 100_000]), [Returns(ONE, ONE, ONE, ONE)] * 2), unit_m=0.25)

@@ -1,18 +1,20 @@
-"""Opens radar recordings in all known layouts; one module per layout reads and writes the recordings in that layout."""
+"""Opens recordings in all known layouts; for a radar's, one module per layout reads and writes the recordings in it."""
 
 from __future__ import annotations
 
 import importlib
+from contextlib import suppress
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import cast
 
 from mqslam.core.recording import Recording
+from mqslam.core.wording import join_words
 from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, require_type, suggest, to_path, untrusted
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.bags import explain_packed
-from mqslam.formats.lidars import carmen
+from mqslam.formats.lidars import carmen, read_lidar
 from mqslam.formats.recordings.derived import apply_clockwise
 from mqslam.formats.recordings.layout import (
     USUAL_TOPICS,
@@ -25,7 +27,7 @@ from mqslam.formats.recordings.layout import (
     is_range_offset,
 )
 
-__all__ = ["FORMATS", "list_targets", "open_recording"]
+__all__ = ["FORMATS", "list_targets", "open_radar", "open_recording"]
 
 
 FORMATS = {
@@ -50,10 +52,13 @@ def open_recording(
     topics: Topics = USUAL_TOPICS,
     encoder_size: int | None = None,
 ) -> Recording:
-    """Opens a recording without reading its polar scans.
+    """Opens the recording of a radar, without reading its polar scans, or reads that of a planar lidar.
+
+    A `LidarRecording`, as this function returns for a CARMEN log or a bag with laser scans, holds `scans` with the ranges
+    that were measured, and no polar scans. All other arguments than `path` are for recordings of radars.
 
     Args:
-        path: a file or folder in one of the layouts of `FORMATS`.
+        path: a file or folder in one of the layouts of `FORMATS`, or the recording of a planar lidar.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes the length from the recording or the layout's default.
         range_offset: true range of an object at rest minus the range of the centre of its bin [m]; None takes the offset
@@ -67,9 +72,55 @@ def open_recording(
             that the recording states, else the number that Navtech's radars have.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution or the range offset is no plausible length.
+        ConfigError: the format is unknown, the range resolution or the range offset is no plausible length, or another
+            argument than `path` is given for the recording of a lidar.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
-        OfLidarError: the path holds a recording of a planar lidar.
+
+    Example:
+        >>> recording = mqslam.open_recording("drive")  # doctest: +SKIP
+        >>> solved = mqslam.Slam().run(recording, recording.odometry)  # doctest: +SKIP
+    """
+    path = to_path(path, "a recording")
+    given = {
+        "format": format,
+        "range_resolution": range_resolution,
+        "range_offset": range_offset,
+        "clockwise": clockwise,
+        "stamp": stamp,
+        "topics": None if topics == USUAL_TOPICS else topics,
+        "encoder_size": encoder_size,
+    }
+    with suppress(OfLidarError):
+        return open_radar(
+            path,
+            format,
+            range_resolution,
+            range_offset=range_offset,
+            clockwise=clockwise,
+            stamp=stamp,
+            topics=topics,
+            encoder_size=encoder_size,
+        )
+    if others := [name for name, value in given.items() if value is not None]:
+        raise ConfigError(f"{path}: is a lidar's recording; leave out {join_words(others)}, which only radars' can use")
+    return read_lidar(path)
+
+
+def open_radar(
+    path: Path | str,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    *,
+    range_offset: float | None = None,
+    clockwise: bool | None = None,
+    stamp: Stamp | None = None,
+    topics: Topics = USUAL_TOPICS,
+    encoder_size: int | None = None,
+) -> Recording:
+    """Opens the recording of a radar; the arguments and errors are the same as those of `open_recording`.
+
+    Raises:
+        OfLidarError: the path holds the recording of a planar lidar.
     """
     path = to_path(path, "a recording")
     require_type(range_resolution, Real | None, "range_resolution", "a number of metres")

@@ -19,7 +19,7 @@ from mqslam.errors import DataError, OfLidarError
 from mqslam.formats import bags
 from mqslam.formats.bags import open_bag
 from mqslam.formats.lidars.laserscan import read_lidar
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings import open_radar, open_recording
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -69,7 +69,7 @@ def test_a_bag_is_a_lidars_unless_a_topic_is_named_like_a_radars(tmp_path: Path,
             if beside is not None:
                 bag.write(beside, stamp, bag.odometry(stamp, np.zeros(3)))
     with pytest.raises(DataError) as raised:
-        open_recording(tmp_path / "drive.bag")
+        open_radar(tmp_path / "drive.bag")
     assert isinstance(raised.value, OfLidarError) is of_lidar
 
 
