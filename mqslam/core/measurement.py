@@ -107,11 +107,11 @@ class LoopSearch:
     Args:
         loops: the loop closures that were found, which enter the graph.
         tried: number of pairs of scans that were compared.
-        ambiguous: number of compared pairs that match at several places that the trajectory allows, and of submaps that
-            match several places of the map about equally well.
+        ambiguous: number of compared pairs that match at several places that the trajectory allows.
         implausible: number of compared pairs that match only at a place that the trajectory rules out.
         unsure: number of further pairs that were not compared, because their relative pose is too uncertain for the
             search to cover.
+        alike: number of submaps in which places were looked for, and that match several places about equally well.
     """
 
     loops: list[Loop]
@@ -119,18 +119,28 @@ class LoopSearch:
     ambiguous: int = 0
     implausible: int = 0
     unsure: int = 0
+    alike: int = 0
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user: one for each reason for which more pairs of passes were left out than there are loops."""
-        left_out = {
-            "several places fit": self.ambiguous,
-            "the only place that fits is ruled out by the trajectory": self.implausible,
-            "the search for loops cannot cover the uncertainty of the trajectory": self.unsure,
-        }
+        """Warnings for the user: one for each reason for which more pairs or submaps were left out than there are loops."""
+        left_out = (
+            (f"{count_of(self.ambiguous, 'pair')} of passes", self.ambiguous, "several places fit"),
+            (count_of(self.alike, "submap"), self.alike, "several places fit"),
+            (
+                f"{count_of(self.implausible, 'pair')} of passes",
+                self.implausible,
+                "the only place that fits is ruled out by the trajectory",
+            ),
+            (
+                f"{count_of(self.unsure, 'pair')} of passes",
+                self.unsure,
+                "the search for loops cannot cover the uncertainty of the trajectory",
+            ),
+        )
         return [
-            f"loops: {count_of(count, 'pair')} of passes {'was' if count == 1 else 'were'} left out, because {why}"
-            for why, count in left_out.items()
+            f"loops: {what} {'was' if count == 1 else 'were'} left out, because {why}"
+            for what, count, why in left_out
             if count > len(self.loops)
         ]
 

@@ -20,7 +20,7 @@ Arrays = dict[str, NDArray[Any]]
 _VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of arrays by names of fields
 _STATUSES = tuple(Status)
 _DOPPLER = ("doppler_beta", "doppler_sigma")
-_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # fields of a search for loops that are counts
+_COUNTS = ("tried", "ambiguous", "implausible", "unsure", "alike")  # fields of a search for loops that are counts
 
 
 @dataclass(frozen=True)

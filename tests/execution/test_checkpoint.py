@@ -55,7 +55,7 @@ STRETCH = describe_kept_stretch(0, 5)
 RESULTS: list[tuple[Kept[Any], Any]] = [
     (STRETCH, DETECTED),
     (MEASURED, Measured(MEASUREMENTS, 0.0489)),
-    (LOOPS, LoopSearch(CLOSURES, 17)),
+    (LOOPS, LoopSearch(CLOSURES, 17, 5, 4, 3, 2)),
     (REFINED, REFINEMENT),
 ]
 FILES = tuple(kept.file for kept, _ in RESULTS)

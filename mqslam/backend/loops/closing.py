@@ -425,11 +425,11 @@ class LoopCloser:
 
     def conclude(self) -> LoopSearch:
         """Returns and logs the kept loops, with the counts of compared and rejected pairs of scans."""
-        ambiguous, implausible = self._ambiguous + len(self._alike), len(self._implausible | self._elsewhere)
+        ambiguous, implausible = self._ambiguous, len(self._implausible | self._elsewhere)
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
         _log.info("%d pairs match at several places, %d only where the trajectory rules it out", ambiguous, implausible)
-        return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
+        return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure, len(self._alike))
 
     def _compare(self, chain: Chain) -> list[Loop]:
         """Compares passes around a trajectory; returns the new loops that psi confirms and the trajectory allows.

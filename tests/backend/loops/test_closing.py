@@ -92,9 +92,14 @@ def test_every_recognition_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     closer = closing.LoopCloser(problem, lambda poses: TrackedRun.of(scans, poses), CONFIG.estimator, BEAM, Runner())
     assert not closer.look_everywhere() and not closer.look_everywhere()
     search = closer.conclude()
-    assert (search.tried, search.ambiguous, search.implausible) == (12, 2, 0)
+    assert (search.tried, search.ambiguous, search.alike, search.implausible) == (12, 0, 2, 0)
 
 
 def test_one_pair_left_out_is_one_pair() -> None:
     (warning,) = LoopSearch([], 1, ambiguous=1).warnings
     assert warning == "loops: 1 pair of passes was left out, because several places fit"
+    warnings = LoopSearch([], 9, ambiguous=2, alike=1).warnings
+    assert warnings == [
+        "loops: 2 pairs of passes were left out, because several places fit",
+        "loops: 1 submap was left out, because several places fit",
+    ]
