@@ -248,6 +248,11 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
     before = [_find_kept(terms, order) for order in orders]
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
 
+    numbers = [number for number, kept in enumerate(before, 1) if kept is None]
+
+    def started(index: int) -> None:
+        work.tell(f"{missing[index].name} starts (run {numbers[index]} of {len(orders)})")
+
     def done(number: int, outcome: RunOutcome | None) -> None:
         work.progress("runs", len(orders) - len(missing) + number, len(orders))
         work.tell(_describe_outcome(missing[number - 1], outcome or RunOutcome(failure=DIED)))
@@ -260,7 +265,7 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
             work.tell(f"{order.name}: {path} does not exist on this machine")
     if missing:
         work.progress("runs", len(orders) - len(missing), len(orders))
-    ran = iter(work.engine.map_apart(run_one, terms, missing, done))
+    ran = iter(work.engine.map_apart(run_one, terms, missing, done, started))
     outcomes = []
     for order, kept in zip(orders, before, strict=True):
         outcome, folder = kept or next(ran) or RunOutcome(failure=DIED), terms.out / order.name

@@ -15,6 +15,10 @@ def ignore_result(number: int, result: object) -> None:
     """Ignores the result of an item; the default for `done` in the methods of engines."""
 
 
+def ignore_start(number: int) -> None:
+    """Ignores the start of a call; the default for `started` in `Engine.map_apart`."""
+
+
 @runtime_checkable
 class Engine(Protocol):
     """Calls function(shared, item) for many items, in this process or in others.
@@ -77,6 +81,16 @@ class Engine(Protocol):
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
+        started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
-        """Returns the same as `map`, for long calls that may crash their process; the result of a crashed call is None."""
+        """Returns the same as `map`, for long calls that may crash their process; the result of a crashed call is None.
+
+        Args:
+            function: the function to call.
+            shared: the function's first argument.
+            items: the function's second arguments, one per call.
+            done: as for `map`.
+            started: called in this process, in any of its threads, when the call for an item starts, with the item's number
+                (0, 1, ...); called again if a worker of a cluster died and the call starts again.
+        """
         ...

@@ -13,15 +13,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar, cast
+from uuid import uuid4
 
-from mqslam.core.engine import Engine, ignore_result
+from mqslam.core.engine import Engine, ignore_result, ignore_start
 from mqslam.errors import ClusterError, ConfigError, raise_interrupt
 from mqslam.execution.extras import describe_missing
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.version import __version__
 
 try:
-    from distributed import Client, Future, KilledWorker
+    from distributed import Client, Future, KilledWorker, get_worker
     from distributed.client import FutureCancelledError
 except ImportError as error:
     missing, remedy = describe_missing("cluster")
@@ -167,9 +168,17 @@ class DaskEngine:
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
+        started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
         """Calls the function as `Engine.map_apart` does, with as many calls at a time as there are workers."""
-        return self._collect(function, shared, items, done, may_die=True)
+        topic = f"mqslam-{uuid4()}"
+        self._client.subscribe_topic(topic, lambda event: started(event[1]))  # an event is (time, number of the item)
+        try:
+            announced = partial(_announce_and_call, topic, function)
+            return self._collect(announced, shared, list(enumerate(items)), done, may_die=True)
+        finally:
+            if not self._lost:
+                self._client.unsubscribe_topic(topic)
 
     def _collect(
         self,
@@ -289,6 +298,13 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
             return results, error
         results.append(cast(R, result))
     return results, None
+
+
+def _announce_and_call(topic: str, function: Callable[[S, T], R], shared: S, numbered: tuple[int, T]) -> R:
+    """Tells the client, by an event of Dask's, the number of the item whose call starts on this worker; then calls."""
+    number, item = numbered
+    get_worker().log_event(topic, number)
+    return function(shared, item)
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:

@@ -21,7 +21,7 @@ from threading import Thread
 from typing import Any, Final, TypeVar
 from weakref import finalize, ref
 
-from mqslam.core.engine import ignore_result
+from mqslam.core.engine import ignore_result, ignore_start
 from mqslam.core.stored import release
 from mqslam.errors import ConfigError, WorkerError, require_type
 from mqslam.execution.guards.memory import return_free_memory
@@ -128,13 +128,19 @@ class LocalEngine:
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
+        started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
         """Calls the function as `Engine.map_apart` does, each time in a new process."""
+
+        def call(number: int) -> R | None:
+            started(number)
+            return _call_apart(function, shared, items[number])
+
         if self._apart == 1:
-            return _collect((_call_apart(function, shared, item) for item in items), done)
+            return _collect(map(call, range(len(items))), done)
         with ThreadPoolExecutor(self._apart) as threads:  # each thread waits for a process
             try:
-                return _collect(threads.map(lambda item: _call_apart(function, shared, item), items), done)
+                return _collect(threads.map(call, range(len(items))), done)
             except BaseException:
                 threads.shutdown(wait=False, cancel_futures=True)
                 raise

@@ -210,6 +210,8 @@ def test_workers_of_this_machine_make_several_calls_apart_at_a_time(tmp_path: Pa
     done: list[tuple[int, int | None]] = []
     with connect("local:3") as engine:
         assert engine.jobs == 1
-        assert engine.map_apart(meet, (tmp_path, 3), [0, 1, 2], lambda *said: done.append(said)) == [0, 1, 2]
+        started: list[int] = []
+        results = engine.map_apart(meet, (tmp_path, 3), [0, 1, 2], lambda *said: done.append(said), started.append)
+        assert results == sorted(started) == [0, 1, 2]
         assert engine.map_apart(fatal, [1], [-1, 5]) == [None, 6]
     assert done == [(1, 0), (2, 1), (3, 2)]

@@ -17,7 +17,7 @@ from bench.recordings import simulate_city, simulate_short_city
 from mqslam.commands.run import run
 from mqslam.commands.work import Work
 from mqslam.config import Config
-from mqslam.core.engine import ignore_result
+from mqslam.core.engine import ignore_result, ignore_start
 from mqslam.execution.cluster import choose_group_size, connect
 
 S = TypeVar("S")
@@ -133,8 +133,9 @@ class StopwatchEngine:
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
+        started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does."""
+        """Calls the function as `Engine.map_apart` does; nothing here asks for the starts of calls."""
         return [*self.map(function, shared, items, done)]
 
 
