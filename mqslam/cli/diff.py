@@ -14,7 +14,7 @@ from mqslam.cli.options import OF_WORK, Options, argument, command
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
 _OWN: Options = {
-    "first": argument(Path, ..., "OUT1", "The folder of a result; of a batch, the folder of a run in it."),
+    "first": argument(Path, ..., "OUT1", "The folder of a result, such as of a batch or of a run in it."),
     "second": argument(Path, ..., "OUT2", "The folder of another result of the same kind."),
 }
 _SHOWN = (  # groups of figures that are printed; --json lists all groups
@@ -30,7 +30,8 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
     """Show the differences between two results: options, settings, figures, and the distances between their trajectories.
 
     The distances are measured twice: as the trajectories are, and after the best rigid alignment. psi is compared only if
-    both maps are made of the same returns and scored by the same settings.
+    both maps are made of the same returns and scored by the same settings. Of two batches, the runs are named whose options,
+    settings or verdicts differ.
 
     Example: mqslam diff earlier result
     """
@@ -64,6 +65,8 @@ def _parse_options(line: str) -> dict[str, Any] | None:
 
 def _format(differences: dict[str, Any]) -> str:
     """Returns differences as text, with a heading for each kind, given what `diff_results` returned."""
+    if "entries" in differences:
+        return _format_batches(**differences)
     figures = differences["figures"]
     shown = {name: both for name, both in figures.items() if name.startswith("tests.") and name.endswith(".status")}
     shown |= {name: both for name, both in figures.items() if name.partition(".")[0] in _SHOWN}
@@ -73,7 +76,7 @@ def _format(differences: dict[str, Any]) -> str:
     parts = [unknown] if options is None else []
     kinds = {} if options is None else {"options": given}
     for kind, values in {**kinds, "settings": differences["settings"], "figures": shown}.items():
-        rows = [(name, " -> ".join(_format_value(value) for value in both)) for name, both in values.items()]
+        rows = [(name, _format_change(both)) for name, both in values.items()]
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
     if len(shown) < len(differences["figures"]):
@@ -90,6 +93,27 @@ def _format(differences: dict[str, Any]) -> str:
         turn = f"turned by {math.degrees(case['largest_rad']):.3f} deg at most (at {case['turned_at_s']:.1f} s)"
         rows.append((name, f"{distance}; {turn}"))
     return "\n".join([*parts, format_rows(rows, 13)])
+
+
+def _format_batches(entries: dict[str, Any], verdicts: dict[str, list[Any]]) -> str:
+    """Returns the runs of two batches that differ as text, given the entries of what `diff_results` returned."""
+    changes = [
+        (name, f"{option}: {_format_change(['not given' if value is None else value for value in both])}")
+        for name, options in entries.items()
+        for option, both in options.items()
+    ]
+    changed = [
+        (name, _format_change(["failed" if value is None else value for value in both])) for name, both in verdicts.items()
+    ]
+    width = max((len(name) for name in (*entries, *verdicts)), default=0) + 2
+    parts = []
+    for heading, rows in {"options and settings of runs": changes, "verdicts of runs": changed}.items():
+        parts.append(format_rows([(heading, ""), *rows], width) if rows else f"{heading}: the same")
+    return "\n".join([*parts, "to compare the results of a run, give its folders in the two batches"])
+
+
+def _format_change(both: list[Any]) -> str:
+    return " -> ".join(_format_value(value) for value in both)
 
 
 def _format_value(value: Any) -> str:

@@ -15,6 +15,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
+from mqslam.results.batch_results import OPTIONS
 from mqslam.results.files import read_origin
 
 _COMMANDS: Final = {
@@ -47,15 +48,20 @@ def diff_results(
         parse_options: returns the options, by name, in the command line that made a result; None if the line is no command.
 
     Returns:
-        `options`, `settings` and `figures` hold the names whose values differ, each with [first value, second value]; a
-        value that a result lacks is None. `options` is None if the options of a result are unknown. `psi_not_compared` says
-        why `figures` leaves psi out; it is None if psi compares. `trajectories` holds the number of shared `stamps`, the
+        For two batches, `entries` holds the names of those runs whose options or settings differ, each with a dict of these
+        as in `options`, and `verdicts` the names of those runs whose verdicts differ; a run that only one batch has differs
+        in `data`.
+
+        For other results, `options`, `settings` and `figures` hold the names whose values differ, each with [first value,
+        second value]; a value that a result lacks is None. `options` is None if the options of a result are unknown; those
+        of a run in the folder of a batch are known if the other result is such a run, too. `psi_not_compared` says why
+        `figures` leaves psi out; it is None if psi compares. `trajectories` holds the number of shared `stamps`, the
         `length_m` of the first trajectory, and the differences `as_they_are` and `aligned` (after the best rigid alignment):
         the largest and the RMS distance [m], the largest rotation [rad], and when both are largest [s since the first shared
         stamp]. `trajectories` is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
 
     Raises:
-        DataError: a folder holds no result or that of a batch, or the results are of different kinds.
+        DataError: a folder holds no result, or the results are of different kinds.
     """
     results = [read_result(folder) for folder in (first, second)]
     kinds = [type(result).__name__ for result in results]
@@ -65,12 +71,13 @@ def diff_results(
             f"is the result of another command than {first} ({_COMMANDS[kinds[1]]}, not {_COMMANDS[kinds[0]]})",
             _REMEDY,
         )
-    for result in results:
-        if "runs" in result.summary:
-            raise DataError(result.folder, "is the result of a batch", "give the folders of two of its runs")
-    given = [parse_options(dict(read_origin(result.folder)).get("command", "")) for result in results]
+    if kinds[0] == "Result":
+        return _compare_batches(*results)
+    given = [_read_entry(result.folder) for result in results]
+    if None in given:
+        given = [parse_options(dict(read_origin(result.folder)).get("command", "")) for result in results]
     options = None if given[0] is None or given[1] is None else _list_changes(given[0], given[1])
-    settings = _list_settings(*results)
+    settings = _list_settings(*(result.folder for result in results))
     obstacle = _find_other_returns(results, settings, options or {})
     figures = _list_changes(*(dict(_list_figures(result.summary)) for result in results))
     if obstacle is not None:
@@ -85,18 +92,46 @@ def diff_results(
     }
 
 
+def _compare_batches(first: Result, second: Result) -> dict[str, Any]:
+    """Returns the entries `entries` and `verdicts` of `diff_results`."""
+    runs = [{run["name"]: run for run in result.summary["runs"]} for result in (first, second)]
+    entries, verdicts = {}, {}
+    for name in {**runs[0], **runs[1]}:
+        one, other = (rows.get(name) for rows in runs)
+        if one is None or other is None:
+            entries[name] = _list_changes(*({"data": row["data"]} if row else {} for row in (one, other)))
+            continue
+        known = [option for option in OPTIONS if option in one and option in other]  # an earlier version listed fewer
+        changes = _list_changes(*({option: row[option] for option in known} for row in (one, other)))
+        changes |= _list_settings(first.folder / name, second.folder / name)
+        if changes:
+            entries[name] = changes
+        if one["verdict"] != other["verdict"]:
+            verdicts[name] = [one["verdict"], other["verdict"]]
+    return {"entries": entries, "verdicts": verdicts}
+
+
+def _read_entry(folder: Path) -> Given | None:
+    """Returns the options of a run from the results of the batch that it belongs to; None if it belongs to none."""
+    above = folder.absolute().parent
+    for run in read_result(above).summary["runs"] if (above / "batch.json").is_file() else ():
+        if run["name"] == folder.name and all(option in run for option in OPTIONS):
+            return {option: run[option] for option in OPTIONS}
+    return None
+
+
 def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
     """Returns the names whose values differ, each with [first value, second value]; a missing value is None."""
     return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
 
 
-def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
-    """Returns the settings that differ, as `_list_changes` does.
+def _list_settings(first: Path, second: Path) -> dict[str, list[Any]]:
+    """Returns the settings that differ between two folders of results, as `_list_changes` does.
 
     The files are not checked, since another version of mqslam may have written them. The dict is empty if a result has no
     config.yaml.
     """
-    files = [result.folder / "config.yaml" for result in (first, second)]
+    files = [folder / "config.yaml" for folder in (first, second)]
     if not all(file.is_file() for file in files):
         return {}
     return _list_changes(*(dict(_flatten(read_tree(file))) for file in files))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.config import Config
@@ -14,6 +14,9 @@ from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.files import format_csv
 from mqslam.version import __version__
+
+OPTIONS: Final = ("data", "frontend", "odometry", "imu", "gnss", "extrinsics", "frame", "start", "end")
+"""Entries of a run in batch.json that hold the options of the run, named as in the list of runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +113,13 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         "name": order.name,
         "data": str(order.data),
         "frontend": order.frontend,
+        "odometry": order.odometry,
+        "imu": order.imu,
+        "gnss": order.gnss,
+        "extrinsics": order.extrinsics,
+        "frame": order.frame,
+        "start": order.span[0],
+        "end": order.span[1],
         "verdict": verdict.get("status"),
         "reasons": "; ".join(verdict.get("reasons", ())),
         "not_judged": "; ".join(summary.get("not_judged", ())),

@@ -18,6 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
+from mqslam.results.batch_results import OPTIONS
 
 
 @pytest.fixture
@@ -188,10 +189,28 @@ def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path)
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
     assert shown.code == 2 and f"is the result of another command than {finished} (audit, not run)" in shown.err
-    (tmp_path / "audit.json").rename(tmp_path / "batch.json")
-    (tmp_path / "batch.json").write_text('{"warnings": [], "runs": []}')
-    shown = mqslam("diff", tmp_path, tmp_path)
-    assert shown.code == 2 and f"{tmp_path}: is the result of a batch; give the folders of two of its runs" in shown.err
+
+
+def test_diff_names_the_runs_of_two_batches_that_differ(finished: Path, other: Path, tmp_path: Path) -> None:
+    run = dict.fromkeys(OPTIONS) | {"frontend": "psi", "imu": "auto", "verdict": "pass"}
+    own = [run | {"name": name, "data": f"/{name}"} for name in ("drive", "same", "settings", "mon")]
+    others = [own[0] | {"frontend": "odometry", "end": 4.0, "verdict": None}, *own[1:3], own[3] | {"name": "fri"}]
+    for batch, runs, folder in (("one", own, finished), ("two", others, other)):
+        for name in ("drive", "same", "settings"):
+            shutil.copytree(folder if name != "same" else finished, tmp_path / batch / name)
+        (tmp_path / batch / "batch.json").write_text(json.dumps({"warnings": [], "runs": runs}))
+    found = parse_strict_json(mqslam("diff", tmp_path / "one", tmp_path / "two", "--json").out)
+    threshold = {"detector.threshold": [40.0, 60.0]}
+    assert found["entries"]["drive"] == {"frontend": ["psi", "odometry"], "end": [None, 4.0], **threshold}
+    assert found["entries"]["settings"] == threshold and found["verdicts"] == {"drive": ["pass", None]}
+    assert found["entries"]["mon"] == {"data": ["/mon", None]} and found["entries"]["fri"] == {"data": [None, "/mon"]}
+    assert "same" not in found["entries"]
+    shown = mqslam("diff", tmp_path / "one", tmp_path / "two").out
+    assert "drive     frontend: psi -> odometry\n          end: not given -> 4\n" in shown
+    assert "verdicts of runs\ndrive     pass -> failed\n" in shown
+    assert mqslam("diff", tmp_path / "one", tmp_path / "one").out.startswith("options and settings of runs: the same\n")
+    of_runs = parse_strict_json(mqslam("diff", tmp_path / "one" / "drive", tmp_path / "two" / "drive", "--json").out)
+    assert of_runs["options"] == {"frontend": ["psi", "odometry"], "end": [None, 4.0]}
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".png", b"\x89PNG"), (".svg", b"<?xml")])
