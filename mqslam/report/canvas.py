@@ -32,6 +32,7 @@ DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
+_BESIDE = 0.125  # share of the figure's width for the numbers and the title of a y axis on the right
 _ENOUGH = 300_000  # number of points counted at a time, and largest number from which the edges of a view are found
 _FAINTEST = 0.35  # opacity of a pixel with a single point
 _LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
@@ -251,7 +252,7 @@ def _fill(axes: Axes, chart: Chart) -> None:
         beside.set_ylabel(chart.beside, color=INK, fontsize=10)
         box = axes.get_position()
         for side in sides.values():
-            side.set_position((box.x0, box.y0, box.width - 0.09, box.height))
+            side.set_position((box.x0, box.y0, box.width - _BESIDE, box.height))
     for name in chart.log:
         _use_plain_log(sides.get(name, axes), "x" if name == "x" else "y")
     for curve in chart.curves:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 from PIL import Image
 from selenium.webdriver.support.ui import Select, WebDriverWait
@@ -20,6 +21,8 @@ from support.reported import PATIENCE_S, chromium, click_curve, opened, page_of
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+from mqslam.report import canvas
+from mqslam.report.canvas import Chart, Curve, over
 from mqslam.report.explorer import MOST_POINTS
 from mqslam.report.page import Figure
 from mqslam.report.run_page import chart_path, draw_maps
@@ -263,3 +266,13 @@ def test_the_keyboard_moves_the_map_and_its_legend_hides_what_it_names(pages: di
         torn.send_keys("\ue007")  # enter
         assert torn.get_attribute("aria-pressed") == "false" and browser.execute_script(f"{marks}.visible") is False
         assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("least", [-4000.0, -0.3])
+def test_the_title_of_the_right_axis_of_a_chart_is_not_cut_where_its_numbers_are_long(least: float) -> None:
+    x, y = np.linspace(0.0, 140.0, 50), np.linspace(least, 0.0, 50)
+    curves = Curve("speed", canvas.BLUE, over(x, y)), Curve("yaw rate", canvas.ORANGE, over(x, y), beside=True)
+    figure, axes = canvas._make_axes(3.0, 0.2)
+    canvas._fill(axes, Chart("speed [m/s]", curves, beside="yaw rate [°/s]"))
+    box = figure.axes[1].get_tightbbox(FigureCanvasAgg(figure).get_renderer())
+    assert box is not None and box.x1 <= figure.bbox.x1
