@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from numbers import Integral
 from pathlib import Path
@@ -28,7 +28,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import SLOWEST_TURN_US, LidarRecording, Recording
-from mqslam.core.scans import Scan, Scans
+from mqslam.core.scans import Returns, Scan, Scans, StoredScans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_to_lidar, scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
@@ -173,7 +173,8 @@ def psi_factors(
         EstimationError: no motion can be estimated from the data.
 
     Example:
-        >>> factors = mqslam.psi_factors("drive", lambda k: gtsam.symbol("x", k))  # doctest: +SKIP
+        >>> work = mqslam.Work(progress=print)  # prints lines such as `windows 40 712`
+        >>> factors = mqslam.psi_factors("drive", lambda k: gtsam.symbol("x", k), work=work)  # doctest: +SKIP
         >>> for factor, measurement in factors:  # doctest: +SKIP
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
@@ -472,6 +473,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
         raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
     if isinstance(recording, Scans):
         _check_scans(recording)
+        recording = _convert_returns(recording)
     if isinstance(recording, Recording):
         for note in (*recording.notes, *recording.faults):
             work.tell(note)
@@ -520,6 +522,19 @@ def _check_scans(scans: Scans) -> None:
             raise ConfigError(f"scans: the returns of scan {k} {fault}")
 
 
+def _convert_returns(scans: Scans) -> Scans:
+    """Returns scans with returns as contiguous arrays of float64: for other arrays, all kernels would be compiled anew."""
+    if isinstance(scans.scans, StoredScans) or all(
+        column.dtype == np.float64 and column.flags.c_contiguous for scan in scans for column in scan.returns.columns
+    ):
+        return scans
+    even = (
+        replace(scan, returns=Returns(*(np.ascontiguousarray(column, np.float64) for column in scan.returns.columns)))
+        for scan in scans
+    )
+    return replace(scans, scans=tuple(even))
+
+
 def _find_fault(scan: Scan, slack_s: float) -> str:
     """Returns what is wrong with the returns of a scan and what to do, or "".
 
@@ -528,11 +543,11 @@ def _find_fault(scan: Scan, slack_s: float) -> str:
         slack_s: time [s] by which returns may lie outside of the scan, for programs that round its start and end.
     """
     ranges, azimuths, times = scan.returns.ranges, scan.returns.azimuths, scan.returns.times
-    if any(column.dtype.kind not in "fiu" for column in (ranges, azimuths, times, scan.returns.intensities)):
+    if any(column.dtype.kind not in "fiu" for column in scan.returns.columns):
         return "are not made of numbers; give arrays of float64"
     if not len(ranges):
         return ""
-    if not all(np.isfinite(column).all() for column in (ranges, azimuths, times, scan.returns.intensities)):
+    if not all(np.isfinite(column).all() for column in scan.returns.columns):
         return "are not all made of finite numbers; leave those out that are not"
     if ranges.min() < 0.0:
         return "have negative ranges; give distances from the sensor in metres"

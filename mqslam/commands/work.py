@@ -25,7 +25,8 @@ class Work:
 
     Args:
         engine: does the work; no result depends on the choice of the engine.
-        progress: called with the name of a stage, the number of steps done and the number of all steps.
+        progress: called with the name of a stage, the number of steps done and the number of all steps; `print` shows these
+            as lines.
         tell: called with every note for the user about the data, as soon as the note is known.
         word: returns a text for an audit's run.log, audit.md or junit.xml with its remedies in the caller's words, such as
             the names of options on a command line.

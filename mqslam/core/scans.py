@@ -52,6 +52,11 @@ class Returns:
     def __repr__(self) -> str:
         return f"<Returns, {count_of(len(self), 'return')}>"
 
+    @property
+    def columns(self) -> tuple[NDArray[np.float64], ...]:
+        """The four arrays, in the order of the arguments."""
+        return self.ranges, self.azimuths, self.times, self.intensities
+
     def take(self, chosen: NDArray[np.bool_]) -> Returns:
         """Returns only those returns for which a mask (N,) is True."""
         return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])

@@ -9,9 +9,11 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import A, B
+from numpy.typing import NDArray
 
 from mqslam.backend.pose_graph import poses_of
 from mqslam.commands.own_graph import PsiFactors, psi_factors
+from mqslam.commands.work import Work
 from mqslam.config import Config, LoopConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -21,6 +23,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.factors.between import PRIOR_M, PRIOR_RAD, prior
+from mqslam.psi.place import place_arrays
 from mqslam.simulator import SensorModel, make_loop_drive, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 from mqslam.solution import Solution
@@ -89,6 +92,28 @@ def test_the_optimum_and_its_covariances_are_those_of_a_run_without_loops(street
         known = take_scale_off(run, k)
         sigmas = np.sqrt(np.diag(known))
         np.testing.assert_allclose(marginals.marginalCovariance(A(k)), known, atol=1e-3 * sigmas.max() ** 2, rtol=1e-3)
+
+
+def test_the_progress_of_long_recordings_is_reported(street: Street) -> None:
+    told: list[tuple[str, int, int]] = []
+    work = Work(progress=lambda *step: told.append(step))
+    psi_factors(street.scans, A, config=CONFIG, odometry=street.wheels, submap_keys=B, work=work)
+    windows = [step for step in told if step[0] == "windows"]
+    assert windows[-1] == ("windows", SCANS - 1, SCANS - 1) and len(windows) >= SCANS - 1
+
+
+def test_returns_of_other_types_and_layouts_need_no_kernels_of_their_own(street: Street) -> None:
+    def convert(column: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.repeat(column.astype(np.float32), 2)[::2]  # half the precision, and not contiguous
+
+    coarse = [replace(scan, returns=Returns(*map(convert, scan.returns.columns))) for scan in street.scans[:5]]
+    street.factors(wheels=False)
+    compiled = len(place_arrays.signatures)
+    given = replace(street.scans, scans=tuple(coarse))
+    factors = psi_factors(given, A, config=CONFIG, submap_keys=B)
+    assert len(place_arrays.signatures) == compiled
+    assert {column.dtype for scan in factors.scans for column in scan.returns.columns} == {np.dtype(np.float64)}
+    np.testing.assert_array_equal(factors.scans[4].returns.ranges, coarse[4].returns.ranges)
 
 
 def test_factors_are_printed_in_a_line(street: Street) -> None:
