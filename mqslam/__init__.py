@@ -13,6 +13,8 @@ Public names, all typed; none of them prints anything:
 - `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return; each is a
   `Result`, and a verdict is a `VerdictStatus`.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
+- `detect` returns the scans of a recording with their returns; `score` computes psi of a window of scans under a motion,
+  as a `PsiScore`.
 - `Slam` is the method: it makes the optimised map of an open recording, in memory.
 - `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
   replaces loop closures by factors of single scans that are registered on earlier passes of the same place. They return
@@ -33,6 +35,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.auditing.verdict import VerdictStatus as VerdictStatus
     from mqslam.commands.audit import audit as audit
     from mqslam.commands.compare import compare as compare
+    from mqslam.commands.detect import detect as detect
     from mqslam.commands.localise import localise as localise
     from mqslam.commands.merge import merge as merge
     from mqslam.commands.own_graph import LoopFactors as LoopFactors
@@ -49,6 +52,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.commands.result import RunResult as RunResult
     from mqslam.commands.result import read_result as read_result
     from mqslam.commands.run import run as run
+    from mqslam.commands.score import score as score
     from mqslam.commands.work import Work as Work
     from mqslam.config import Config as Config
     from mqslam.config import load_config as load_config
@@ -65,6 +69,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.execution.local_engine import LocalEngine as LocalEngine
     from mqslam.execution.runner import Runner as Runner
     from mqslam.formats.recordings import open_recording as open_recording
+    from mqslam.psi.published.equations import PsiScore as PsiScore
     from mqslam.slam import Slam as Slam
     from mqslam.version import __version__ as __version__
 
@@ -74,6 +79,7 @@ _MODULES = {
     "VerdictStatus": "auditing.verdict",
     "audit": "commands.audit",
     "compare": "commands.compare",
+    "detect": "commands.detect",
     "localise": "commands.localise",
     "merge": "commands.merge",
     "loop_factors": "commands.own_graph",
@@ -90,6 +96,7 @@ _MODULES = {
     "read_result": "commands.result",
     "Result": "commands.result",
     "run": "commands.run",
+    "score": "commands.score",
     "Work": "commands.work",
     "Config": "config",
     "load_config": "config",
@@ -106,6 +113,7 @@ _MODULES = {
     "LocalEngine": "execution.local_engine",
     "Runner": "execution.runner",
     "open_recording": "formats.recordings",
+    "PsiScore": "psi.published.equations",
     "Slam": "slam",
     "__version__": "version",
 }

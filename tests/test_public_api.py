@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +12,16 @@ import numpy as np
 import pytest
 from support.commands import mqslam as command
 from support.commands import run_in_this_process
+from support.rooms import PERIOD_US, STEP_M, write_carmen
 
 import mqslam
 from mqslam.commands.result import RunResult
 from mqslam.config import SensorConfig
+from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.detection.stage import detect_all
 from mqslam.errors import ConfigError
+from mqslam.psi.place import beam_of, place
+from mqslam.psi.published import equations
 from mqslam.simulator import SensorModel, simulate
 
 SCANS = 10
@@ -50,6 +55,35 @@ def test_the_covariances_of_a_run_are_read_with_their_stamps(result: RunResult) 
     covariances, track = result.read_covariances(), result.read_trajectory()
     assert covariances.covariances.shape == (len(track.stamps_us), 3, 3)
     assert covariances.stamps_us.tolist() == track.stamps_us.tolist()
+
+
+def test_returns_are_those_of_a_run_and_psi_of_a_window_is_that_of_the_equations(
+    drive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scans = mqslam.detect(drive)
+    found, _ = detect_all(mqslam.open_recording(drive), SETTINGS.detector)
+    np.testing.assert_array_equal(scans.scans.table, found.scans.table)
+    assert len(mqslam.detect(drive, config={"detector": {"threshold": 90}})[0].returns) < len(scans[0].returns)
+    score = mqslam.score(scans[4:7], (8.0, 0.05))
+    returns = mqslam.Returns.concatenate([scan.returns for scan in scans[4:7]])
+    points = place(
+        returns, scans[4].t0, np.zeros(3), np.array([8.0, 0.05]), CONSTANT_VELOCITY, beam_of(SETTINGS.estimator, 0.0)
+    )
+    assert score.psi == equations.score(points.points, points.times, scans.revolution_s, SETTINGS.psi).psi > 0.0
+    assert mqslam.score(scans[4:7], (8.0, 0.0, 0.05)).psi == score.psi and score.shares.shape == (len(returns),)
+    page = Path(__file__).parents[1] / "docs" / "reference" / "api.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    monkeypatch.chdir(drive.parent)
+    exec(code, {})
+    assert capsys.readouterr().out.splitlines()[-1] == str(score.psi)
+
+
+def test_psi_of_a_lidars_window_is_lowest_near_the_true_motion(tmp_path: Path) -> None:
+    write_carmen(tmp_path / "rooms.log")
+    scans = mqslam.detect(mqslam.open_recording(tmp_path / "rooms.log"))
+    speed = STEP_M / (1e-6 * PERIOD_US)  # the robot drives straight ahead at first
+    still, true, fast = (mqslam.score(scans[4:7], (v, 0.0)).psi for v in (0.0, speed, 2.0 * speed))
+    assert true < 0.5 * min(still, fast)
 
 
 def test_scans_that_another_program_has_made_are_measured_and_a_list_is_refused(drive: Path) -> None:
@@ -163,6 +197,16 @@ WRONG_TYPES = {
     "merge runs": (lambda drive, out: mqslam.merge([3, 4], out), "each of results must be a path"),
     "open": (lambda drive, out: mqslam.open_recording(3), "a recording must be a path"),
     "read": (lambda drive, out: mqslam.read_result(None), "folder must be a path"),
+    "psi of returns": (
+        lambda drive, out: mqslam.score([], (1.0, 0.0)),
+        r"scans must be mqslam\.Scans, such as .* type list",
+    ),
+    "psi of a scan": (
+        lambda drive, out: mqslam.score(mqslam.Scans((), 0, 0.25), (1.0, 0.0)),
+        "scans: 0 scans cannot be compared; give a window of two or more scans",
+    ),
+    "psi of no motion": (lambda drive, out: mqslam.score(mqslam.Scans((), 0, 0.25), "1,0"), "motion: is not a motion; give"),
+    "scans of a list": (lambda drive, out: mqslam.detect([]), r"or mqslam\.Scans, not a list"),
     "slam of a path": (lambda drive, out: mqslam.Slam().run(str(drive)), "recording must be an open recording, as mqslam"),
     "slam with a name": (lambda drive, out: mqslam.Slam("oxford"), "config must be a Config, as mqslam.load_config"),
 }

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from math import inf
-from numbers import Integral
-from pathlib import Path
-from typing import Final, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -20,19 +17,16 @@ from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
-from mqslam.commands.inputs import open_radar_or_lidar
-from mqslam.commands.lidar_inputs import prepare_lidar
+from mqslam.commands.detect import Source, read_scans
 from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
-from mqslam.core.recording import SLOWEST_TURN_US, LidarRecording, Recording
-from mqslam.core.scans import Returns, Scan, Scans, StoredScans
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_to_lidar, scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
-from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, FewReturnsError, require_type
 from mqslam.execution.runner import Runner
 from mqslam.factors.between import lifted_between, loop_between, scale_between, scale_factors
@@ -40,15 +34,12 @@ from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import Beam, beam_of
 from mqslam.slam import PSI
 
-Source: TypeAlias = Path | str | Recording | Scans
-"""A recording: its path, the open recording, or the scans that were detected in it before."""
 Keys: TypeAlias = Callable[[int], int] | Sequence[int]
 """GTSAM's key of each scan by its number: a function, or a sequence with a key for every scan."""
 Pose: TypeAlias = type[gtsam.Pose2] | type[gtsam.Pose3]
 Between: TypeAlias = gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3
 Stated = tuple[Between, Measurement]
 LoopFactor = tuple[gtsam.NonlinearFactor, Loop]
-_WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart [rad], also where they are not wrapped
 
 
 class PsiFactors(list[Stated]):
@@ -464,101 +455,17 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
         EstimationError: the scans hold too few returns to measure the Doppler shift, or for the computations in the block.
     """
     require_work(work)
-    settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
-    if isinstance(recording, Path | str):
-        recording = open_radar_or_lidar(Path(recording), None, None, settings)
-    given: object = recording  # a caller without a type checker may give anything
-    if not isinstance(given, Recording | Scans):
-        kind = type(given).__name__
-        raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
-    if isinstance(recording, Scans):
-        _check_scans(recording)
-        recording = _convert_returns(recording)
-    if isinstance(recording, Recording):
-        for note in (*recording.notes, *recording.faults):
-            work.tell(note)
-    if isinstance(recording, LidarRecording):
-        recording = prepare_lidar(recording, settings).recording.scans
-    if isinstance(recording, Recording):
-        recording, detected = detect_all(recording, settings.detector, runner)
-        remedy = detected.counts.remedy
-        for warning in warn_of_unread(detected.unread):
-            work.tell(warning)
+    settings, runner = load_config(config), Runner(work.engine, work.progress)
+    scans, remedy = read_scans(recording, settings, runner, work.tell)
     try:
-        if recording.unit_m is None:
-            beta = choose_doppler(recording, settings, runner.engine).beta
-            yield _OpenScans(recording, settings, beta, runner, recording, settings)
+        if scans.unit_m is None:
+            beta = choose_doppler(scans, settings, runner.engine).beta
+            yield _OpenScans(scans, settings, beta, runner, scans, settings)
         else:
-            factor, settings = 1.0 / recording.unit_m, fit_to_lidar(settings, recording)
-            yield _OpenScans(
-                recording, settings, 0.0, runner, recording.scale_ranges(factor), scale_settings(settings, factor)
-            )
+            factor, settings = 1.0 / scans.unit_m, fit_to_lidar(settings, scans)
+            yield _OpenScans(scans, settings, 0.0, runner, scans.scale_ranges(factor), scale_settings(settings, factor))
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error
-
-
-def _check_scans(scans: Scans) -> None:
-    """Checks that scans are what `Scans`, `Scan` and `Returns` state, since another program may have made them.
-
-    The constructors do not check this, because the stages make returns again and again.
-
-    Raises:
-        ConfigError: the duration of a revolution is impossible, the scans are not in order, or the returns of a scan are not
-            finite, have negative ranges or azimuths in degrees, are not in order, or lie outside of the scan's time.
-    """
-    require_type(scans.start_us, Integral, "start_us of scans", "a whole number of microseconds")
-    longest = inf if scans.unit_m is not None else SLOWEST_TURN_US * 1e-6  # a lidar may be at rest between its scans
-    if not 0.0 < scans.revolution_s <= longest or scans.revolution_s == inf:
-        problem = f"a revolution of {scans.revolution_s:g} s is impossible"
-        raise ConfigError(f"scans: {problem}; give its usual duration in seconds, such as 0.25")
-    starts = scans.start_times
-    if np.any(np.diff(starts) <= 0.0):
-        k = int(np.argmax(np.diff(starts) <= 0.0)) + 1
-        raise ConfigError(
-            f"scans: scan {k} does not begin after scan {k - 1}; give the scans in the order of time, each once"
-        )
-    for k, scan in enumerate(scans):
-        if fault := _find_fault(scan, 0.5 * scans.revolution_s):
-            raise ConfigError(f"scans: the returns of scan {k} {fault}")
-
-
-def _convert_returns(scans: Scans) -> Scans:
-    """Returns scans with returns as contiguous arrays of float64: for other arrays, all kernels would be compiled anew."""
-    if isinstance(scans.scans, StoredScans) or all(
-        column.dtype == np.float64 and column.flags.c_contiguous for scan in scans for column in scan.returns.columns
-    ):
-        return scans
-    even = (
-        replace(scan, returns=Returns(*(np.ascontiguousarray(column, np.float64) for column in scan.returns.columns)))
-        for scan in scans
-    )
-    return replace(scans, scans=tuple(even))
-
-
-def _find_fault(scan: Scan, slack_s: float) -> str:
-    """Returns what is wrong with the returns of a scan and what to do, or "".
-
-    Args:
-        scan: the scan.
-        slack_s: time [s] by which returns may lie outside of the scan, for programs that round its start and end.
-    """
-    ranges, azimuths, times = scan.returns.ranges, scan.returns.azimuths, scan.returns.times
-    if any(column.dtype.kind not in "fiu" for column in scan.returns.columns):
-        return "are not made of numbers; give arrays of float64"
-    if not len(ranges):
-        return ""
-    if not all(np.isfinite(column).all() for column in scan.returns.columns):
-        return "are not all made of finite numbers; leave those out that are not"
-    if ranges.min() < 0.0:
-        return "have negative ranges; give distances from the sensor in metres"
-    if np.ptp(azimuths) > _WIDEST:
-        return f"have azimuths that are {np.ptp(azimuths):.0f} rad apart; give them in radians, of one turn per scan"
-    if np.any(np.diff(times) < 0.0):
-        return "are not ordered by time; sort them"
-    if times[0] < scan.t0 - slack_s or times[-1] > scan.t1 + slack_s:
-        span = f"from {times[0]:g} s to {times[-1]:g} s, and the scan from {scan.t0:g} s to {scan.t1:g} s"
-        return f"have times {span}; give both in seconds since the recording's start"
-    return ""
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:

@@ -2,24 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mqslam.commands.detect import check_scans
 from mqslam.commands.inputs import open_data
 from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, change_config, load_config
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Returns
+from mqslam.core.scans import Returns, Scans
+from mqslam.core.units import fit_to_lidar
+from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_stretch
-from mqslam.errors import ConfigError, EstimationError
+from mqslam.errors import ConfigError, EstimationError, require_type
 from mqslam.psi.minimiser import final_scale, kernel_of
 from mqslam.psi.place import beam_of
+from mqslam.psi.published.equations import PsiScore
 from mqslam.psi.published.equations import score as published
 from mqslam.psi.window import Window, WindowMotion
+
+
+def score(scans: Scans, motion: Sequence[float] | se2.Array, *, config: ConfigSource = None) -> PsiScore:
+    """Computes the published psi of a window (several consecutive scans) under a motion; the lower, the crisper the map.
+
+    Ranges are corrected for the Doppler shift only if `sensor.doppler_beta` of the settings states it.
+
+    Args:
+        scans: the window: two or more consecutive scans, such as `mqslam.detect("drive")[8:11]`.
+        motion: constant twist of the sensor from the start of the first scan on: (2,) v forward [m/s], omega [rad/s], or
+            (3,) vx forward, vy to the left [m/s], omega [rad/s].
+        config: a `Config`, a dict of the settings that differ, such as `{"psi": {"s": 1.0}}`, the path of a YAML file, or
+            the name of a shipped configuration; None takes the defaults. Section `psi` holds the parameters of the score.
+            For a lidar's scans, its lengths that are left at their defaults are multiplied by the scans' `unit_m`.
+
+    Returns:
+        The score, whose parts per point are in the order of the returns of the window.
+
+    Raises:
+        ConfigError: the scans, the motion or a setting is wrong.
+        EstimationError: the window holds no returns.
+
+    Source: "Motion Estimation from Map Quality with Millimeter Wave Radar", equations (4) and (8) to (10).
+
+    Example:
+        >>> mqslam.score(scans[8:11], (9.1, 0.05)).psi  # doctest: +SKIP
+    """
+    require_type(scans, Scans, "scans", "mqslam.Scans, such as mqslam.detect(recording)[8:11]")
+    try:
+        theta = np.asarray(motion, dtype=np.float64)
+    except (TypeError, ValueError):
+        theta = np.empty(0)
+    if theta.shape not in ((2,), (3,)) or not np.isfinite(theta).all():
+        raise ConfigError("motion: is not a motion; give v, omega or vx, vy, omega in m/s and rad/s, such as (9.1, 0.05)")
+    if len(scans) < 2:
+        raise ConfigError(f"scans: {count_of(len(scans), 'scan')} cannot be compared; give a window of two or more scans")
+    scans, settings = check_scans(scans), load_config(config)
+    settings = settings if scans.unit_m is None else fit_to_lidar(settings, scans)
+    returns, estimator = Returns.concatenate([scan.returns for scan in scans]), settings.estimator
+    if not len(returns):
+        raise EstimationError("the scans of the window hold no returns")
+    beam = beam_of(estimator, settings.sensor.doppler_beta or 0.0)
+    window = Window(returns, scans[0].t0, kernel_of(estimator, scans.revolution_s), estimator, beam)
+    return _publish(window, theta, CONSTANT_VELOCITY if len(theta) == 2 else CONSTANT_TWIST, settings.psi)
 
 
 def score_window(  # noqa: PLR0913 - these are the options of a score, each with its default
@@ -115,10 +164,15 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
     return returns, float(times[first])
 
 
+def _publish(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> PsiScore:
+    """Returns the published psi of a window under parameters (P,) of a motion model."""
+    points = window.render(theta, model)
+    return published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
+
+
 def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> dict[str, Any]:
     """Returns the published psi of a window with its parts, and the estimator's psi with the narrowest kernel, as a dict."""
-    points, count = window.render(theta, model), len(window.returns)
-    whole = published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
+    whole, count = _publish(window, theta, model, variant), len(window.returns)
     own = window.score(theta, model, final_scale(window.config))
     return {
         "published": {

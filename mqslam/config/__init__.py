@@ -122,7 +122,7 @@ class DetectorConfig(Section):
 
 
 class PsiConfig(Section):
-    """Parameters of the published score, which only the command score takes: a run minimises the estimator's score.
+    """Parameters of the published score, which only `mqslam score` and `mqslam.score` take: a run minimises another score.
 
     They are named as in the paper. The paper gives no values: the defaults are ours.
 

@@ -1,0 +1,155 @@
+"""Detects the returns of a recording, and checks scans that another program has made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from numbers import Integral
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from mqslam.commands.inputs import open_radar_or_lidar
+from mqslam.commands.lidar_inputs import prepare_lidar
+from mqslam.commands.work import QUIET, Work, require_work
+from mqslam.config import Config, ConfigSource, load_config
+from mqslam.core.recording import SLOWEST_TURN_US, LidarRecording, Recording
+from mqslam.core.scans import Returns, Scan, Scans, StoredScans
+from mqslam.detection.stage import detect_all, warn_of_unread
+from mqslam.errors import ConfigError, require_type
+from mqslam.execution.runner import Runner
+
+Source: TypeAlias = Path | str | Recording | Scans
+"""A recording: its path, the open recording, or the scans that were detected in it before."""
+_WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart [rad], also where they are not wrapped
+
+
+def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET) -> Scans:
+    """Detects the returns of a recording, as a run does.
+
+    Returns that lie at the same place of the sensor's own frame in most scans are left out, as they belong to the vehicle.
+    The command `mqslam score`, which reads only its window, cannot find them.
+
+    The scans of a planar lidar are those that a run solves: scans between which its odometry shows no motion are left out,
+    and the points of the others lie at equal distances along surfaces. `mqslam.open_recording(path).scans` holds the ranges
+    as they were measured.
+
+    Args:
+        recording: a recording's path, or the open recording; scans that another program has made are only checked.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
+        work: where the work is done, and what reports on it.
+
+    Returns:
+        The scans. `scans[k].returns` holds the ranges [m], azimuths [rad], times [s] and intensities of scan k, and
+        `scans[k:n]` is a window for `mqslam.score`.
+
+    Raises:
+        ConfigError: a setting or the scans are wrong.
+        DataError: the recording cannot be used.
+
+    Example:
+        >>> scans = mqslam.detect("drive", config={"detector": {"threshold": 60}})  # doctest: +SKIP
+    """
+    require_work(work)
+    return read_scans(recording, load_config(config), Runner(work.engine, work.progress), work.tell)[0]
+
+
+def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callable[[str], None]) -> tuple[Scans, str]:
+    """Returns the scans of a recording, and advice in case they hold too few returns, which may be empty.
+
+    Args:
+        recording: the path of a recording, an open recording, or scans.
+        settings: all settings.
+        runner: detects the returns.
+        tell: called with every note for the user about the data.
+
+    Raises:
+        ConfigError: the scans are not what `Scans` states.
+        DataError: the recording cannot be used.
+    """
+    if isinstance(recording, Path | str):
+        recording = open_radar_or_lidar(Path(recording), None, None, settings)
+    given: object = recording  # a caller without a type checker may give anything
+    if not isinstance(given, Recording | Scans):
+        kind = type(given).__name__
+        raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
+    if isinstance(recording, Scans):
+        return check_scans(recording), ""
+    for note in (*recording.notes, *recording.faults):
+        tell(note)
+    if isinstance(recording, LidarRecording):
+        return prepare_lidar(recording, settings).recording.scans, ""
+    scans, detected = detect_all(recording, settings.detector, runner)
+    for warning in warn_of_unread(detected.unread):
+        tell(warning)
+    return scans, detected.counts.remedy
+
+
+def check_scans(scans: Scans) -> Scans:
+    """Checks that scans are what `Scans`, `Scan` and `Returns` state, since another program may have made them.
+
+    Returns the scans, with returns as contiguous arrays of float64.
+
+    The constructors do not check this, because the stages make returns again and again.
+
+    Raises:
+        ConfigError: the duration of a revolution is impossible, the scans are not in order, or the returns of a scan are not
+            finite, have negative ranges or azimuths in degrees, are not in order, or lie outside of the scan's time.
+    """
+    require_type(scans.start_us, Integral, "start_us of scans", "a whole number of microseconds")
+    longest = inf if scans.unit_m is not None else SLOWEST_TURN_US * 1e-6  # a lidar may be at rest between its scans
+    if not 0.0 < scans.revolution_s <= longest or scans.revolution_s == inf:
+        problem = f"a revolution of {scans.revolution_s:g} s is impossible"
+        raise ConfigError(f"scans: {problem}; give its usual duration in seconds, such as 0.25")
+    starts = scans.start_times
+    if np.any(np.diff(starts) <= 0.0):
+        k = int(np.argmax(np.diff(starts) <= 0.0)) + 1
+        raise ConfigError(
+            f"scans: scan {k} does not begin after scan {k - 1}; give the scans in the order of time, each once"
+        )
+    for k, scan in enumerate(scans):
+        if fault := _find_fault(scan, 0.5 * scans.revolution_s):
+            raise ConfigError(f"scans: the returns of scan {k} {fault}")
+    return _convert_returns(scans)
+
+
+def _convert_returns(scans: Scans) -> Scans:
+    """Returns scans with returns as contiguous arrays of float64: for other arrays, all kernels would be compiled anew."""
+    if isinstance(scans.scans, StoredScans) or all(
+        column.dtype == np.float64 and column.flags.c_contiguous for scan in scans for column in scan.returns.columns
+    ):
+        return scans
+    even = (
+        replace(scan, returns=Returns(*(np.ascontiguousarray(column, np.float64) for column in scan.returns.columns)))
+        for scan in scans
+    )
+    return replace(scans, scans=tuple(even))
+
+
+def _find_fault(scan: Scan, slack_s: float) -> str:
+    """Returns what is wrong with the returns of a scan and what to do, or "".
+
+    Args:
+        scan: the scan.
+        slack_s: time [s] by which returns may lie outside of the scan, for programs that round its start and end.
+    """
+    ranges, azimuths, times = scan.returns.ranges, scan.returns.azimuths, scan.returns.times
+    if any(column.dtype.kind not in "fiu" for column in scan.returns.columns):
+        return "are not made of numbers; give arrays of float64"
+    if not len(ranges):
+        return ""
+    if not all(np.isfinite(column).all() for column in scan.returns.columns):
+        return "are not all made of finite numbers; leave those out that are not"
+    if ranges.min() < 0.0:
+        return "have negative ranges; give distances from the sensor in metres"
+    if np.ptp(azimuths) > _WIDEST:
+        return f"have azimuths that are {np.ptp(azimuths):.0f} rad apart; give them in radians, of one turn per scan"
+    if np.any(np.diff(times) < 0.0):
+        return "are not ordered by time; sort them"
+    if times[0] < scan.t0 - slack_s or times[-1] > scan.t1 + slack_s:
+        span = f"from {times[0]:g} s to {times[-1]:g} s, and the scan from {scan.t0:g} s to {scan.t1:g} s"
+        return f"have times {span}; give both in seconds since the recording's start"
+    return ""
