@@ -87,7 +87,7 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
 
 
 def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> None:
-    """Prints the table of a comparison transposed, so that it fits any terminal, and below it why some rows could not run.
+    """Prints the table of a comparison transposed, so that it fits any terminal, and below it why some rows failed.
 
     Args:
         cells: the lines of the table, each with the name of its row first; the line of column heads comes first.
@@ -98,7 +98,7 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
     from rich.text import Text
 
     console = Console(markup=False, highlight=False)
-    failed = [line for line in cells[1:] if line[1].startswith("could not run: ")]
+    failed = [line for line in cells[1:] if line[1].startswith("failed: ")]
     ran = {k: line for k, line in enumerate(cells[1:], 1) if line not in failed}
     shown = Table(show_edge=False, pad_edge=False)
     shown.add_column("")

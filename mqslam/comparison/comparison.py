@@ -111,7 +111,7 @@ def compare_rows(
         stations=tuple(stations),
         agreement=tuple(compare_pairs(ran)),
         warnings=(
-            *(f"{row.name} could not run: {row.failure}" for row in shown if row.failure is not None),
+            *(f"{row.name} failed: {row.failure}" for row in shown if row.failure is not None),
             *warnings,
             *([shared] if len(common) < len(scans) else []),
             *(f"{row.name}: {warning}" for row in shown for warning in row.warnings),

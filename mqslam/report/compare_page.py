@@ -415,7 +415,7 @@ def _list_numbers(comparison: Comparison, summary: Mapping[str, Any]) -> Section
         groups.append(("Agreement of two rows: RMSE, drift, rotation, speed", pairs))
     failed = [(row.name, row.failure) for row in comparison.rows if row.failure is not None]
     if failed:
-        groups.append(("Could not run", failed))
+        groups.append(("Failed", failed))
     note = "In a pair the first row is judged as if the second were the truth. Two rows that agree may both be wrong."
     return Section("Numbers", [note] if comparison.agreement else [], numbers=groups)
 

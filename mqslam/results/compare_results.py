@@ -174,7 +174,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
     cells = [["", *(f"{column.head} {column.arrow}".rstrip() for column in shown)]]
     for row in rows:
         if row["failure"] is not None:
-            cells.append([row["name"], f"could not run: {row['failure']}", *[""] * (len(shown) - 1)])
+            cells.append([row["name"], f"failed: {row['failure']}", *[""] * (len(shown) - 1)])
             continue
         cells.append([row["name"], *(_format_cell(row[column.key], column.form) for column in shown)])
     return cells, frozenset((line, k) for k, column in enumerate(shown, 1) for line in _find_best_lines(column, rows))
@@ -200,13 +200,13 @@ _LATEX: Final = str.maketrans(
 def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
     """Returns a table as LaTeX for the package booktabs, with a column for each row of the comparison and best values bold.
 
-    Rows that could not run have no column; comments below the table name them.
+    Rows that failed have no column; comments below the table name them.
 
     Args:
         cells: the lines of the table, its head first, as `tabulate` returns them.
         marked: (line, column) of the best values.
     """
-    ran = [k for k, line in enumerate(cells) if not line[1].startswith("could not run: ")]
+    ran = [k for k, line in enumerate(cells) if not line[1].startswith("failed: ")]
     lines = [rf"\begin{{tabular}}{{l{'r' * (len(ran) - 1)}}}", r"\toprule"]
     for j in range(len(cells[0])):
         words = [cells[k][j].translate(_LATEX) for k in ran]

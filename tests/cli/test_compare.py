@@ -123,7 +123,7 @@ def test_the_last_line_names_the_best_row_and_the_table_marks_the_best_values(
     (ate,) = (line for line in lines if line.startswith(f"ATE [m] {less}"))
     assert ate.count("*") == 1 and "* 0.000" in ate
     assert any(line.startswith(f"* is the best value; {less} less is better") for line in lines)
-    assert "odometry" not in best["sentence"] and any(line.startswith("odometry could not run") for line in lines)
+    assert "odometry" not in best["sentence"] and any(line.startswith("odometry failed") for line in lines)
 
 
 def test_one_row_ends_without_a_winner(street: Path, quick: Path, tmp_path: Path) -> None:
@@ -139,6 +139,6 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
     assert result.code == 0
     rows = {row["name"]: row for row in json.loads((tmp_path / "out" / "compare.json").read_text())["rows"]}
     assert list(rows) == ["psi", "kiss_icp", "open3d_icp", "odometry"]
-    assert "needs odometry" in rows["odometry"]["failure"] and "odometry could not run: " in result.out
+    assert "needs odometry" in rows["odometry"]["failure"] and "odometry failed: " in result.out
     for name in ("psi", "kiss_icp", "open3d_icp"):
         assert rows[name]["failure"] is None and rows[name]["rpe_v_rms"] < 0.5

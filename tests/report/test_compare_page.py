@@ -46,7 +46,7 @@ def test_the_table_is_the_terminals_with_ranks(pages: dict[str, Path]) -> None:
     assert "rank\ndrift [%]\nverdict\ninflation\npsi\n1\n0.5\npass\n2.4\n_kiss_$icp$ <icp>\n1\n1.1\nfail" in text_of(
         pages["compare"]
     )
-    assert 'colspan="4">could not run</td>' in (pages["compare"] / "report.html").read_text(encoding="utf-8")
+    assert 'colspan="4">failed</td>' in (pages["compare"] / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_best_values_are_marked_and_no_others(pages: dict[str, Path]) -> None:
@@ -110,7 +110,7 @@ def test_a_sceptic_reads_who_judges_and_by_what(pages: dict[str, Path], tmp_path
 def test_agreement_and_failures_are_listed(pages: dict[str, Path]) -> None:
     text = text_of(pages["compare"])
     assert re.search(r"psi – _kiss_\$icp\$ <icp>\n\d+\.\d{3} m, \d+\.\d{3} %", text)
-    assert "Could not run\nodometry\nno odometry; give <FILE>" in text
+    assert "Failed\nodometry\nno odometry; give <FILE>" in text
 
 
 def test_trajectories_of_other_frames_are_laid_on_the_truth() -> None:
@@ -138,7 +138,7 @@ def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path
     page = page_of(tmp_path / "report.html")
     assert set(page.images) == {"Trajectories"}
     assert set(page.drawings) == {"Inflation of the windows", "Offset of the revisits"}
-    assert "Could not run" not in page.text and "is best" not in page.text
+    assert "Failed" not in page.text and "is best" not in page.text
     assert "all moved to one pose" in page.text
 
 

@@ -85,4 +85,4 @@ def test_the_table_is_markdown_and_latex_with_the_best_values_bold() -> None:
     text = format_latex(cells, best)
     assert text.startswith("\\begin{tabular}{lrr}\n\\toprule\n & my\\_row & b|c \\\\\n\\midrule\n")
     assert "drift [\\%] $\\downarrow$ & \\textbf{0.200} & 0.300 \\\\" in text
-    assert text.endswith("\\bottomrule\n\\end{tabular}\n% x could not run: 50 % off\n")
+    assert text.endswith("\\bottomrule\n\\end{tabular}\n% x failed: 50 % off\n")
