@@ -78,6 +78,13 @@ class Keyframes:
         """The unit of length [m] in which a lidar's map is made and used; None for a radar's map."""
         return self.recordings[0].unit_m
 
+    def find_origins(self, number: int) -> NDArray[np.float64]:
+        """Returns the sensor's position (N, 2) at the time of each point of one keyframe, in the keyframe's frame [m]."""
+        begin, end = self.rows[number].tolist()
+        own = self.points[begin:end]
+        x, y, ranges, rays = (own[name].astype(np.float64) for name in ("x", "y", "range", "ray"))
+        return np.column_stack([x - ranges * np.cos(rays), y - ranges * np.sin(rays)])
+
     def scale(self, factor: float) -> Keyframes:
         """Returns the keyframes with all lengths multiplied by a factor, without a georeference, which is in metres."""
         points = make_stored((len(self.points),), KEYFRAME_POINT)

@@ -87,10 +87,9 @@ def mark_free_by_keyframes(grid: OccupancyGrid, keyframes: Keyframes) -> Occupan
         keyframes: keyframes of a lidar's map, with their poses in the grid's frame.
     """
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
-    for pose, (begin, end) in zip(keyframes.poses, keyframes.rows.tolist(), strict=True):
-        own = keyframes.points[begin:end]
-        x, y, ranges, rays = (own[name].astype(np.float64) for name in ("x", "y", "range", "ray"))
-        starts = se2.transform(pose, np.column_stack([x, y]) - ranges[:, None] * _point(rays))
+    for number, (pose, (begin, end)) in enumerate(zip(keyframes.poses, keyframes.rows.tolist(), strict=True)):
+        ranges, rays = (keyframes.points[name][begin:end].astype(np.float64) for name in ("range", "ray"))
+        starts = se2.transform(pose, keyframes.find_origins(number))
         _pass_through(free, ranges, _point(pose[2] + rays), starts, grid.resolution, grid.origin)
     release(keyframes.points)
     return replace(grid, free=free & ~grid.occupied)

@@ -3,7 +3,8 @@
 The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
 pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
 by their appearance. A loop is kept if the trajectory does not rule it out, if it agrees with its neighbours, and if it does
-not clearly increase psi of its two passes.
+not clearly increase psi of its two passes. Walls alone join two passes of a lidar across a corridor; free space then places
+these passes along it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +30,19 @@ from mqslam.backend.loops.chain import (
     compute_layouts,
     keep_consistent,
 )
-from mqslam.backend.loops.passes import MATCHED, SPACING_M, Passes, TrackedRun, render_passes
+from mqslam.backend.loops.free_space import place_along
+from mqslam.backend.loops.passes import (
+    LATER_SHARE,
+    MATCHED,
+    SPACING_M,
+    SUBMAP_M,
+    Passes,
+    TrackedRun,
+    render_passes,
+)
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, describe_places, recognise
 from mqslam.backend.loops.registration import align_passes, is_unrivalled, score_at_pose
+from mqslam.backend.loops.rigid import minimise_rigidly
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -54,6 +66,8 @@ _SEARCH_RAD = 0.03
 GATE_M = 40.0
 # Largest half width of the search in yaw [rad]. It bounds the time of the search.
 _GATE_RAD = 0.3
+# Least half width [m] of the search along a direction about which a loop says nothing: several doors must be in reach.
+_ALONG_M = 4.0
 # Half width of the search, in standard deviations of the two passes' relative pose in the trajectory. If the half width is
 # larger than GATE_M or _GATE_RAD, the passes are not compared.
 _SIGMAS = 3.0
@@ -213,11 +227,13 @@ class CandidateScore(NamedTuple):
         loop: the loop; None unless psi confirms it and the trajectory allows it.
         ambiguous: whether the passes match at several places that the trajectory allows.
         implausible: whether the passes match only at a place that the trajectory rules out.
+        along: (2,) direction along which the loop says nothing, as in an `Alignment`; None if there is none.
     """
 
     loop: Loop | None = None
     ambiguous: bool = False
     implausible: bool = False
+    along: NDArray[np.float64] | None = None
 
 
 def compare_passes(
@@ -250,15 +266,43 @@ def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate)
     drive, estimator, beam = shared
     earlier, later, _, _, chain, layout = candidate
     submaps = render_passes((drive, earlier), (drive, later), beam)
-    reach = candidate.reach_m, candidate.reach_rad
-    found = align_passes(*submaps, chain.motion, reach, estimator, on_surfaces=drive.shows_surfaces)
+    reach, is_lidar = (candidate.reach_m, candidate.reach_rad), drive.shows_surfaces
+    found = align_passes(*submaps, chain.motion, reach, estimator, on_surfaces=is_lidar, partly=is_lidar)
     if found is None:
         return CandidateScore()
     if not is_unrivalled(found, MATCHED):
         return CandidateScore(ambiguous=True)
     loop = Loop(earlier, later, found.pose, layout.widen(found.pose, found.covariance), found.matched, found.psi)
     is_plausible = compute_chi_square(chain, as_relative(loop)) <= LARGEST_CHI_SQUARE
-    return CandidateScore(loop) if is_plausible else CandidateScore(implausible=True)
+    return CandidateScore(loop, along=found.along) if is_plausible else CandidateScore(implausible=True)
+
+
+def _place_openly(
+    shared: tuple[Passes, EstimatorConfig, Beam], openly: tuple[Loop, NDArray[np.float64], Relative]
+) -> tuple[Loop, bool]:
+    """Places the later pass of a loop along the direction about which the loop says nothing, near the trajectory's place.
+
+    Args:
+        shared: scans under the present trajectory, settings of the score, and the sensor's errors.
+        openly: the loop, the direction (2,), and the pose of the loop's later scan as the trajectory states it.
+
+    Returns:
+        The loop, and whether free space shows its place along the direction. If free space does not, or if the trajectory is
+        too uncertain, the loop has the pose with the lowest psi near the trajectory's place, if this pose agrees with it.
+    """
+    (drive, estimator, beam), (loop, along, chain) = shared, openly
+    reach_m = max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
+    if reach_m > LATER_SHARE * SUBMAP_M:
+        return loop, False
+    earlier, later = render_passes((drive, loop.earlier), (drive, loop.later), beam)
+    start = loop.pose + np.array([*((chain.motion - loop.pose)[:2] @ along * along), 0.0])
+    pose = minimise_rigidly(start, later, make_references(earlier), estimator).state
+    if compute_chi_square(Relative(pose, np.zeros((3, 3))), as_relative(loop)) > LARGEST_CHI_SQUARE:
+        return loop, False
+    near, expected_m = replace(loop, pose=pose), float((chain.motion - pose)[:2] @ along)
+    reach = expected_m - reach_m, expected_m + reach_m
+    placed = place_along(drive, near, along, reach, beam, estimator.cluster_m)
+    return (near, False) if placed is None else (placed, True)
 
 
 def confirm_by_map(
@@ -341,6 +385,7 @@ class LoopCloser:
         self.loops: list[Loop] = []
         self._compared: set[tuple[int, int]] = set()
         self._decided: set[tuple[int, int]] = set()
+        self._open: dict[tuple[int, int], NDArray[np.float64]] = {}  # directions about which the pairs' loops say nothing
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
         self._recognised = 0  # number of pairs that the recognition of places has compared
@@ -370,7 +415,31 @@ class LoopCloser:
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
             del chain  # frees the eliminated graph, which takes more memory than anything else here
             self.join(kept)
+        self._place_open_loops()
         return out_of_reach
+
+    def _place_open_loops(self) -> None:
+        """Places the passes of loops along the directions about which the loops say nothing, where free space shows it."""
+        unplaced = [loop for loop in self.loops if (loop.earlier, loop.later) in self._open]
+        if not unplaced:
+            return
+        chain, pairs = self._optimise(), [(loop.earlier, loop.later) for loop in unplaced]
+        openly = list(zip(unplaced, map(self._open.__getitem__, pairs), chain.relate(pairs), strict=True))
+        found = self._runner.engine.map(_place_openly, (chain.drive, self._estimator, self._beam), openly)
+        placed = [
+            loop
+            for (loop, is_placed), (_, _, relative) in zip(found, openly, strict=True)
+            if is_placed and compute_chi_square(relative, as_relative(loop)) <= LARGEST_CHI_SQUARE
+        ]
+        placed = keep_consistent(placed, chain, passes.LEAST_PATH_M)
+        del chain
+        _log.info("free space places %d of %d loops along the walls of corridors", len(placed), len(unplaced))
+        for loop in placed:
+            del self._open[loop.earlier, loop.later]
+        near = [loop for loop, is_placed in found if not is_placed]
+        new = {(loop.earlier, loop.later): loop for loop in (*near, *placed)}
+        self.loops = [loop for loop in self.loops if (loop.earlier, loop.later) not in new]
+        self.join(list(new.values()))
 
     def look_everywhere(self) -> bool:
         """Recognises places that the search around the trajectory does not reach; returns whether new loops were kept.
@@ -444,7 +513,12 @@ class LoopCloser:
         self._decided |= {c[:2] for c in candidates} - self._implausible
         self._ambiguous += sum(score.ambiguous for score in scores)
         self._unsure = len(unsure)
-        return [score.loop for score in scores if score.loop is not None]
+        whole = [score.loop for score in scores if score.loop is not None and score.along is None]
+        if self._groups is not None:  # recordings are joined only by loops that say how they lie to each other
+            return whole
+        openly = [(score.loop, score.along) for score in scores if score.loop is not None and score.along is not None]
+        self._open |= {(loop.earlier, loop.later): along for loop, along in openly}
+        return [*whole, *(loop for loop, _ in openly)]
 
     def _optimise(self) -> Chain:
         """Returns the trajectory, optimised with the loops found so far; the first one replaces a missing `before`."""

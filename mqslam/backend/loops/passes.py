@@ -51,6 +51,9 @@ class Passes(Protocol):
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
 
+    def find_origins(self, centre: int, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Returns the sensor's positions (N, 2) [m] at the times of the points that `render` returns, in the same frame."""
+
 
 @dataclass(frozen=True, slots=True)
 class MappedDrive:
@@ -84,6 +87,12 @@ class MappedDrive:
         """Renders the returns of the keyframes with the numbers `chosen` (K,), in the frame of the keyframe `centre`."""
         return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
 
+    def find_origins(self, centre: int, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Returns the sensor's positions (N, 2) [m] at the times of the points that `render` returns, in the same frame."""
+        poses = se2.between(self.poses[centre], self.poses[chosen])
+        pairs = zip(poses, chosen.tolist(), strict=True)
+        return np.concatenate([se2.transform(pose, self.keyframes.find_origins(k)) for pose, k in pairs])
+
 
 @dataclass(frozen=True, slots=True)
 class TrackedRun:
@@ -116,6 +125,13 @@ class TrackedRun:
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
         local = se2.between(self.poses[centre], self.poses[first:last])
         return place_along(returns, self.times[first:last], local, beam)
+
+    def find_origins(self, centre: int, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Returns the sensor's positions (N, 2) [m] at the times of the points that `render` returns, in the same frame."""
+        times = np.concatenate([self.scans[k].returns.times for k in chosen])
+        first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
+        local = se2.between(self.poses[centre], self.poses[first:last])
+        return se2.find_poses_of_returns(self.times[first:last], local, times)[:, :2]
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:

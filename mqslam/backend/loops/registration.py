@@ -7,7 +7,7 @@ correlation, and the pose with the lowest psi is chosen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -32,8 +32,10 @@ _BEYOND_M = 1.0
 _BEYOND_RAD = 0.05
 # A submap with fewer returns than this is not registered.
 _FEWEST = 300
-# A registration is dropped if its position has a larger standard deviation than this [m] along an axis.
+# A registration is dropped if its position has a larger standard deviation than this [m] along an axis that the passes show.
 _SURE_M = 0.3
+# Standard deviation of the position [m] along a direction that the passes do not show: far larger than any search.
+_OPEN_M: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,8 @@ class Alignment:
         observed: whether the submaps determine the pose in every direction.
         rivals: (R, 3) those of the other minima that fit about as well as the best pose [m, m, rad]: their psi is less than
             RIVAL times as large, or larger only by chance. Empty if rivals were not asked for.
+        along: (2,) unit vector in the reference's frame, if the submaps show the pose except for its position along this
+            direction; None if they show the whole pose.
     """
 
     pose: se2.Array
@@ -59,6 +63,7 @@ class Alignment:
     rival: float
     observed: bool
     rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
+    along: NDArray[np.float64] | None = None
 
 
 def align(
@@ -183,6 +188,15 @@ def is_unrivalled(alignment: Alignment, matched: float) -> bool:
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 
+def find_least_shown(points: PointSet) -> NDArray[np.float64]:
+    """Returns the direction (2,), a unit vector, in which points show their place the least, by their covariances."""
+    xx, xy, yy = points.covariances.T
+    inverses = np.column_stack([yy, -xy, xx]) / (xx * yy - xy**2)[:, None]
+    along_x, mixed, along_y = inverses.sum(axis=0)
+    least: NDArray[np.float64] = np.linalg.eigh([[along_x, mixed], [mixed, along_y]])[1][:, 0]  # eigenvalues increase
+    return least
+
+
 def measure_matched_information(references: References, points: PointSet, config: EstimatorConfig) -> float:
     """Returns which share of what the points show of the direction that they show least is shown by matched points.
 
@@ -198,9 +212,7 @@ def measure_matched_information(references: References, points: PointSet, config
         The share, from 0 to 1. A point shows a direction by one over its variance along it.
     """
     xx, xy, yy = points.covariances.T
-    inverses = np.column_stack([yy, -xy, xx]) / (xx * yy - xy**2)[:, None]
-    along_x, mixed, along_y = inverses.sum(axis=0)
-    x, y = np.linalg.eigh([[along_x, mixed], [mixed, along_y]])[1][:, 0]  # the least eigenvalue comes first
+    x, y = find_least_shown(points)
     shown = 1.0 / (x * x * xx + 2.0 * x * y * xy + y * y * yy)
     return float(shown @ score_among(references, points, config).matched / shown.sum())
 
@@ -213,6 +225,7 @@ def align_passes(
     estimator: EstimatorConfig,
     *,
     on_surfaces: bool = False,
+    partly: bool = False,
 ) -> Alignment | None:
     """Registers the submap of a later pass on the submap of an earlier pass by psi.
 
@@ -224,6 +237,8 @@ def align_passes(
         estimator: settings of the score.
         on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`); the share MATCHED must then also
             match of what the points show of the direction that they show least.
+        partly: whether passes on surfaces are registered even if they do not show their place along that direction; the
+            registration then says nothing about it, and `along` is this direction.
 
     Returns:
         The registration; None if a submap has too few returns, if the two do not match, or if the pose is too uncertain.
@@ -231,9 +246,28 @@ def align_passes(
     if len(earlier) < _FEWEST or len(later) < _FEWEST:
         return None
     references = make_references(earlier)
-    alignment = align(references, later, guess, reach, estimator)
-    if not does_match(alignment, MATCHED) or np.sqrt(np.diag(alignment.covariance)[:2]).max() > _SURE_M:
+    alignment = align(references, later, guess, reach, estimator, rival_sigmas=0.0 if partly else None)
+    points = move_rigidly(later, alignment.pose)
+    sigma_m = np.sqrt(np.diag(alignment.covariance)[:2]).max()
+    does_fit = does_match(alignment, MATCHED) and sigma_m <= _SURE_M
+    if does_fit and not (on_surfaces and measure_matched_information(references, points, estimator) < MATCHED):
+        return alignment
+    return _leave_open(alignment, find_least_shown(points), estimator) if partly else None
+
+
+def _leave_open(alignment: Alignment, along: NDArray[np.float64], config: EstimatorConfig) -> Alignment | None:
+    """Returns a registration that says nothing about the position along a direction (2,), a unit vector.
+
+    Returns:
+        The registration; None if the two submaps do not match, if the position across the direction is too uncertain, or if
+        other poses that fit about as well lie elsewhere across it.
+    """
+    across = np.array([-along[1], along[0]])
+    elsewhere = np.abs((alignment.rivals - alignment.pose)[:, :2] @ across) > compute_same_m(config)
+    shown = np.eye(3)
+    shown[:2, :2] = np.outer(across, across)
+    covariance = shown @ alignment.covariance @ shown
+    if alignment.matched < MATCHED or elsewhere.any() or across @ covariance[:2, :2] @ across > _SURE_M**2:
         return None
-    if on_surfaces and measure_matched_information(references, move_rigidly(later, alignment.pose), estimator) < MATCHED:
-        return None
-    return alignment
+    covariance[:2, :2] += _OPEN_M**2 * np.outer(along, along)
+    return replace(alignment, covariance=covariance, rival=np.inf, observed=True, along=along)
