@@ -247,13 +247,7 @@ def unpack(path: Path) -> Iterator[Path]:
     Raises:
         DataError: the file is damaged, states more points than it can hold, or cannot be unpacked.
     """
-    compressed, points_bytes = _read_size(path)
-    if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
-        raise DataError(
-            path, f"states {points_bytes} bytes of points, but has only {path.stat().st_size} bytes", "write the file again"
-        )
-    if not _is_plausible(path):
-        raise DataError(path, "has a damaged header or chunk table", "copy the file again")
+    compressed, points_bytes = _read_header(path)
     if not compressed:
         yield path
         return
@@ -283,58 +277,22 @@ def write_unpacked(words: list[str]) -> bytes:
     return b""
 
 
-def _read_size(path: Path) -> tuple[bool, int]:
-    """Reads from the header of a LAS or LAZ whether its points are compressed, and their unpacked size [bytes]."""
-    with path.open("rb") as file:
-        head = file.read(255).ljust(255, b"\0")
-    (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)
-    is_new = head[24:26] >= b"\1\4"
-    return bool(head[104] & _COMPRESSED), point_bytes * max(old_count, count if is_new else 0)
+def _read_header(path: Path) -> tuple[bool, int]:
+    """Reads from the header of a LAS or LAZ whether its points are compressed, and their unpacked size [bytes].
 
-
-def _is_plausible(path: Path) -> bool:
-    """Returns whether a LAS or LAZ file is large enough for the records and chunks that its header states.
-
-    laspy and lazrs allocate memory for these numbers before they read any record or chunk.
+    Raises:
+        DataError: the file has no room for the records or the points that its header states. laspy allocates memory for
+            them before it reads any of them.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(107).ljust(107, b"\0")
-        header_size, points_at, records = struct.unpack_from("<HII", head, 94)
-        if header_size + _RECORD_BYTES * records > min(points_at, size):
-            return False
-        if not head[104] & _COMPRESSED:
-            return True
-        file.seek(header_size)
-        if not _are_plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
-            return False
-        file.seek(points_at)
-        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if table_at == -1:  # the file was written as a stream: the table's position stands at the end
-            file.seek(max(0, size - 8))
-            (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if not points_at < table_at < size:
-            return False
-        file.seek(table_at)
-        _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\xff"))
-    return bool(chunks <= size)
-
-
-def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether the item sizes that a LAZ file states add up to the size of a point; if not, lazrs would crash.
-
-    Args:
-        block: bytes of the variable-length records, one of which states the sizes.
-        records: number of these records.
-        point_bytes: size of an unpacked point [bytes].
-    """
-    at = 0
-    for _ in range(records):
-        user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
-        content = block[at + _RECORD_BYTES : at + _RECORD_BYTES + length]
-        at += _RECORD_BYTES + length
-        if user.rstrip(b"\0") == b"laszip encoded" and number == 22204 and len(content) >= 34:
-            count = int.from_bytes(content[32:34], "little")
-            sizes = [int.from_bytes(content[k + 2 : k + 4], "little") for k in range(34, 34 + 6 * count, 6)]
-            return count > 0 and sum(sizes) == point_bytes and len(content) >= 34 + 6 * count
-    return False
+        head = file.read(255).ljust(255, b"\0")
+    header_size, points_at, records = struct.unpack_from("<HII", head, 94)
+    if header_size + _RECORD_BYTES * records > min(points_at, size):
+        raise DataError(path, "has a damaged header", "copy the file again")
+    (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)
+    is_new = head[24:26] >= b"\1\4"
+    points_bytes = point_bytes * max(old_count, count if is_new else 0)
+    if points_bytes > untrusted.bound_unpacked(size):
+        raise DataError(path, f"states {points_bytes} bytes of points, but has only {size} bytes", "write the file again")
+    return bool(head[104] & _COMPRESSED), points_bytes
