@@ -11,7 +11,7 @@ from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
+from typing import Concatenate, ParamSpec, TextIO, TypeVar
 
 from mqslam.errors import DataError, MqslamError, raise_interrupt
 
@@ -31,14 +31,7 @@ _KINDS = {
 _log = logging.getLogger(__name__)
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 P = ParamSpec("P")
-R = TypeVar("R", bound="_Recording")
 T = TypeVar("T")
-
-
-class _Recording(Protocol):
-    @property
-    def path(self) -> Path:
-        """The file or folder of the recording."""
 
 
 def bound_unpacked(packed_bytes: int) -> int:
@@ -110,18 +103,6 @@ def decode(content: bytes) -> str:
     return content.decode(_read_mark(content) or "utf-8")
 
 
-def read_text(path: Path, encoding: str = "utf-8") -> str:
-    """Reads a text file whose lines are of bounded length.
-
-    Raises:
-        DataError: the path is not a regular file, or the file has a line that is too long.
-        OSError: the file cannot be read.
-        UnicodeDecodeError: the text is not in the encoding.
-    """
-    with open_text(path, encoding) as file:
-        return file.read()
-
-
 def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
     """Reads a JSON or YAML file of bounded size, such as `YAML_BYTES` for YAML and `RESULT_BYTES` for a result's JSON.
 
@@ -168,17 +149,6 @@ def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[
     def read_and_blame(path: Path, /, *arguments: P.args, **named: P.kwargs) -> T:
         with blame_file(path), stay_within(path) if path.is_dir() else nullcontext():
             return read(path, *arguments, **named)
-
-    return read_and_blame
-
-
-def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[Concatenate[R, P], Iterator[T]]:
-    """Decorates a method that yields parts of a recording: it runs inside of `blame_file` with the recording's path."""
-
-    @wraps(read)
-    def read_and_blame(recording: R, /, *arguments: P.args, **named: P.kwargs) -> Iterator[T]:
-        with blame_file(recording.path):
-            yield from read(recording, *arguments, **named)
 
     return read_and_blame
 

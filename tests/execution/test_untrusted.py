@@ -39,19 +39,16 @@ ERRORS = [
 def test_whatever_a_reader_lets_through_is_an_error_about_its_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, error: Exception
 ) -> None:
-    class Recording:
-        path = tmp_path / "drive"
-
     @untrusted.reads_file
     def read(path: Path, what: Exception) -> None:
         raise what
 
-    @untrusted.reads_recording
-    def polar_scans(recording: Recording, what: Exception) -> Iterator[int]:
-        yield 1
-        raise what
+    def polar_scans(what: Exception) -> Iterator[int]:
+        with untrusted.blame_file(tmp_path / "drive"):
+            yield 1
+            raise what
 
-    for act in (lambda: read(tmp_path / "drive", error), lambda: list(polar_scans(Recording(), error))):
+    for act in (lambda: read(tmp_path / "drive", error), lambda: list(polar_scans(error))):
         with caplog.at_level(logging.INFO, "mqslam"), pytest.raises(DataError) as raised:
             act()
         assert str(raised.value).startswith(f"{tmp_path / 'drive'}: ") and len(str(raised.value)) < 600
@@ -76,7 +73,7 @@ def test_pipes_sockets_and_devices_are_refused(tmp_path: Path) -> None:
             (tmp_path / "socket", "a socket"),
             (Path("/dev/zero"), "a device"),
         ):
-            for read in (untrusted.check_file, untrusted.open_text, untrusted.read_text, untrusted.read_document):
+            for read in (untrusted.check_file, untrusted.open_text, untrusted.read_document):
                 with pytest.raises(DataError, match=f"is {kind}, not a file"):
                     read(path)
 
@@ -102,10 +99,11 @@ def test_lines_have_a_length(tmp_path: Path, length: int, is_read: bool, before:
     path = tmp_path / "table.csv"
     path.write_text("x\n" * (before // 2) + "y" * length + "\nz\n")
     if is_read:
-        assert untrusted.read_text(path).endswith("y\nz\n")
+        with untrusted.open_text(path) as file:
+            assert file.read().endswith("y\nz\n")
     else:
         with pytest.raises(DataError, match="has a line of over 1000000 bytes"):
-            untrusted.read_text(path)
+            untrusted.open_text(path)
 
 
 @pytest.mark.parametrize("read", [load_config, read_plan, read_nav2_map])

@@ -69,7 +69,6 @@ class ColumnImageRecording(Recording):
     shape: tuple[int, int]
     clockwise: bool
 
-    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop.
 
@@ -77,12 +76,13 @@ class ColumnImageRecording(Recording):
         measured.
         """
         restorer = Restorer(self._read_image, len(self))
-        for k in range(len(self))[start:stop]:
-            pixels, measured = restorer.restore(k)
-            stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
-            azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            polar_scan = azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
-            yield replace(polar_scan, valid=polar_scan.valid & measured)
+        with untrusted.blame_file(self.path):
+            for k in range(len(self))[start:stop]:
+                pixels, measured = restorer.restore(k)
+                stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
+                azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
+                polar_scan = azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+                yield replace(polar_scan, valid=polar_scan.valid & measured)
 
     def _read_image(self, k: int) -> NDArray[np.uint8]:
         """Reads the pixels (R, A) of image k; raises a DataError if they do not have the recording's shape."""

@@ -73,10 +73,9 @@ def _open_archive(path: Path) -> Iterator[_Archive]:
 class NativeRecording(Recording):
     """A recording in a native `.npz`."""
 
-    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop."""
-        with _open_archive(self.path) as archive:
+        with untrusted.blame_file(self.path), _open_archive(self.path) as archive:
             for k in range(len(self))[start:stop]:
                 yield _read_polar_scan(archive, k, float(self.start_times[k]))
 

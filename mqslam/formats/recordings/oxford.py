@@ -35,6 +35,7 @@ from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
 from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table, write_fixes_csv, write_gyroscope_csv
 from mqslam.formats.sensors.reading import Reading, add_beside
 from mqslam.formats.tables import parse_numbers, read_rows
+from mqslam.formats.text import read_lines
 from mqslam.formats.trajectories import read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
@@ -93,11 +94,12 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
     if not listing.exists():
         return names, [], []
     present = set(names.tolist())
+    remedy = "repair it, or remove it to use all images"
+    rows = [line.split() for line in read_lines(listing, remedy) if line]
     try:
-        rows = [line.split() for line in untrusted.read_text(listing).splitlines() if line.strip()]
         listed = [(int(row[0]), row[1:2] != ["0"]) for row in rows]
-    except (OSError, ValueError) as error:
-        raise DataError(listing, "has lines other than '<t> 1'", "repair it, or remove it to use all images") from error
+    except ValueError as error:
+        raise DataError(listing, "has lines other than '<t> 1'", remedy) from error
     kept = [stamp for stamp, marked in listed if marked and stamp in present]
     notes = []
     if len(kept) < len(listed):

@@ -65,14 +65,13 @@ class RosbagRecording(Recording):
     logged_ns: NDArray[np.int64]
     clockwise: bool
 
-    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop."""
         wanted = range(len(self))[start:stop]
         if not wanted:
             return
         k, topic = wanted.start, self.radar.name
-        with bags.open_bag(self.path) as reader:
+        with untrusted.blame_file(self.path), bags.open_bag(self.path) as reader:
             connections = [connection for connection in reader.connections if connection.topic == topic]
             first, after = int(self.logged_ns[k]), self._until(connections, wanted.stop)
             for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), topic):

@@ -110,13 +110,13 @@ class RowImageRecording(Recording):
     folder: RowFolder
     names: NDArray[np.int64]
 
-    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop."""
-        for name in self.names[start:stop].tolist():
-            (azimuths, power), down = self.folder.read(name)
-            falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
-            yield replace(azimuths.to_polar_scan(power, self.start_us), down=falling)
+        with untrusted.blame_file(self.path):
+            for name in self.names[start:stop].tolist():
+                (azimuths, power), down = self.folder.read(name)
+                falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
+                yield replace(azimuths.to_polar_scan(power, self.start_us), down=falling)
 
 
 def open_rows(
