@@ -266,18 +266,13 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
                 break
             motion = _check_motion(name, motion, starts[count : count + 2].tolist())
         count += 1
-        yield _wrap_yaw(motion)
+        if abs(motion.pose[2]) > np.pi:  # a front end may return a yaw beyond -pi..pi
+            motion = replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
+        yield motion
     if count != len(scans) - 1:
         raise EstimationError(
             f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one per pair of successive scans"
         )
-
-
-def _wrap_yaw(motion: Measurement) -> Measurement:
-    """Returns a motion with its yaw wrapped to -pi..pi, because a front end may return a yaw beyond these limits."""
-    if abs(motion.pose[2]) <= np.pi:
-        return motion
-    return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
 
 
 def _check_motion(name: str, motion: object, starts: Sequence[float]) -> Measurement:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,10 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
         raise DataError(path, str(error), "copy the file again, or leave it out of the recording") from error
 
 
-def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np.uint8]:
+def decode_grey(source: Path | bytes, formats: tuple[str, ...]) -> NDArray[np.uint8]:
     """Decodes the pixels (rows, columns) of an 8-bit grey image in one of the given formats, by Pillow's names.
+
+    The source is the image's file, or the content of such a file.
 
     Raises:
         NotGreyError: the image is not 8-bit grey.
@@ -54,11 +57,9 @@ def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np
     """
     from PIL import Image
 
-    if isinstance(source, Path):
-        untrusted.check_file(source)
     try:
-        size = _count_bytes(source)
-        with Image.open(source, formats=formats) as image:
+        size = len(source) if isinstance(source, bytes) else untrusted.check_file(source).stat().st_size
+        with Image.open(io.BytesIO(source) if isinstance(source, bytes) else source, formats=formats) as image:
             width, height = image.size
             check_size(height, width)
             if image.mode == "L":
@@ -151,12 +152,3 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     from PIL import Image
 
     Image.fromarray(image).save(path, compress_level=1)
-
-
-def _count_bytes(source: Path | BinaryIO) -> int:
-    """Returns the size of a file [bytes]; an open file is left at its beginning."""
-    if isinstance(source, Path):
-        return source.stat().st_size
-    size = source.seek(0, os.SEEK_END)
-    source.seek(0)
-    return size

@@ -310,10 +310,7 @@ def read_sensor_table(
             words = line.partition("#")[0].split(",")
             if number < skipped or not (len(words) > 1 or words[0].strip()):
                 continue
-            try:
-                numbers.extend([parse_word(words[column]) for column, parse_word in parsers])
-            except (ValueError, IndexError):
-                numbers.extend(_parse_word(words, column, parse_word) for column, parse_word in parsers)
+            numbers.extend(_parse_word(words, column, parse_word) for column, parse_word in parsers)
     table = np.array(numbers, dtype=np.float64).reshape(-1, len(columns))
     stamps = table[:, 0]
     timed = np.isfinite(stamps)

@@ -13,7 +13,6 @@ are checked once when a map is opened, and then loaded from the disk as they are
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any, Final
@@ -129,7 +128,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
     described_with = index["described_with"]
     if len(places) and descriptors.shape[1:] != (described_with.get("rings"), described_with.get("sectors")):
         raise DataError(folder / "descriptors.npy", "holds descriptors of places that do not fit index.json", _REMEDY)
-    recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
+    recordings = index["recordings"]
     spans = np.column_stack([rows["first_point"], rows["end_point"]])
     sound = (spans >= 0).all() and (spans <= len(points)).all() and (np.diff(spans) >= 0).all()
     sound &= np.isin(rows["recording"], np.arange(len(recordings))).all()
@@ -142,7 +141,6 @@ def read_keyframes(path: Path) -> KeyframeMap:
     _check_numbers(folder / "descriptors.npy", descriptors.reshape(-1))
     if not (((places >= 0) & (places < len(rows))).all()):
         raise DataError(folder / "places.npy", "names keyframes that the map does not have", _REMEDY)
-    where = index["georeference"]
     keyframes = Keyframes(
         recordings=recordings,
         origins=rows["recording"].astype(np.int64),
@@ -153,9 +151,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
         travelled=rows["travelled_m"].astype(np.float64),
         rows=spans.astype(np.int64),
         points=points,
-        georeference=None
-        if where is None
-        else Georeference(TangentPlane(where["latitude"], where["longitude"]), np.array(where["pose"], dtype=np.float64)),
+        georeference=index["georeference"],
     )
     return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, described_with))
 
@@ -170,7 +166,11 @@ def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
 
 @untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
-    """Returns the content of index.json after a check, or raises a DataError."""
+    """Returns the content of index.json after a check, with its recordings and its place on the Earth as objects.
+
+    Raises:
+        DataError: the file cannot be read, is damaged, or is not the index of a map of this version.
+    """
     try:
         index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])
@@ -182,12 +182,13 @@ def _read_index(path: Path) -> dict[str, Any]:
         raise DataError(path, f"is of version {version}, and this mqslam reads version {_VERSION}", "make the map again")
     try:
         sizes = [int(index[name]) for name in ("keyframes", "points", "places")]
-        recordings = [MappedRecording(**recording) for recording in index["recordings"]]
+        recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
         where, described = index["georeference"], index["described_with"]
         if where is not None:
-            numbers = [where["latitude"], where["longitude"], *where["pose"]]
-            if len(numbers) != 5 or not all(math.isfinite(float(number)) for number in numbers):
+            numbers = np.array([where["latitude"], where["longitude"], *where["pose"]], dtype=np.float64)
+            if len(numbers) != 5 or not np.isfinite(numbers).all():
                 raise ValueError("georeference")
+            where = Georeference(TangentPlane(*numbers[:2].tolist()), numbers[2:])
         for recording in recordings:
             name, *numbers = (value for value in astuple(recording) if value is not None)
             if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):
@@ -198,7 +199,7 @@ def _read_index(path: Path) -> dict[str, Any]:
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as error:
         raise DataError(path, "is damaged", _REMEDY) from error
-    return dict(index)
+    return {**index, "recordings": recordings, "georeference": where}
 
 
 @untrusted.reads_file

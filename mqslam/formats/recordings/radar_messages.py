@@ -13,7 +13,6 @@ begins at the range b * bin_size * range_gain + range_offset [m].
 
 from __future__ import annotations
 
-import io
 import itertools
 import struct
 from collections.abc import Iterable, Iterator
@@ -295,7 +294,7 @@ def _read_pixels(image: Any) -> NDArray[np.uint8]:
             size says.
     """
     if image.__msgtype__ == COMPRESSED_TYPE:
-        return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
+        return decode_grey(np.asarray(image.data, dtype=np.uint8).tobytes(), _COMPRESSIONS)
     if image.encoding not in _GREY:
         raise NotGreyError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
