@@ -35,7 +35,7 @@ class KissIcpFrontEnd(MatchingFrontEnd):
     """A front end that matches each scan, as a planar point cloud with a time per point, with KISS-ICP.
 
     KISS-ICP begins at rest and predicts by its last motion, so that it would lose the first scans of a recording that begins
-    while the vehicle drives. The front end therefore finds the first motion (`scan_matching.match_scans`): KISS-ICP runs
+    while the vehicle drives. The front end therefore finds the first motion (`MatchingFrontEnd`): KISS-ICP runs
     over the first scans forwards and then backwards in time, from odometry's speed or else from several speeds, and starts
     with the slowest motion that fits about as well as the best. Nothing is taken from psi except the radar's Doppler shift,
     which is removed from the ranges with the help of the last motion.
@@ -49,7 +49,7 @@ class KissIcpFrontEnd(MatchingFrontEnd):
     def __init__(self, context: Context) -> None:
         settings = Matching.of(context, STRONGEST, VOXEL_M)
         config = make_config(settings, context.config.kiss_icp.config_file)
-        super().__init__(context, settings, lambda: _KissIcpMatcher(config))
+        super().__init__(context, settings.strongest, lambda: _KissIcpMatcher(config))
 
 
 class _KissIcpMatcher:

@@ -36,7 +36,7 @@ class Open3dIcpFrontEnd(MatchingFrontEnd):
         settings = Matching.of(context, STRONGEST, VOXEL_M)
         is_generalized = context.config.open3d_icp.method == "generalized"
         registration = _Open3dRegistration(_import_open3d(), settings.voxel_size_m, is_generalized=is_generalized)
-        super().__init__(context, settings, lambda: KeyframeMatcher(registration, settings))
+        super().__init__(context, settings.strongest, lambda: KeyframeMatcher(registration, settings))
 
 
 class _Open3dRegistration:

@@ -199,27 +199,6 @@ class ScanTrack:
         return self.last
 
 
-class MatchingFrontEnd:
-    """A front end that matches each scan to a map of the scans before it.
-
-    Args:
-        context: what the front end may use besides the scans.
-        settings: how scans are matched.
-        new_matcher: makes a matcher that has seen no scan.
-    """
-
-    def __init__(self, context: Context, settings: Matching, new_matcher: Callable[[], ScanMatcher]) -> None:
-        self._context, self._settings, self._new_matcher = context, settings, new_matcher
-
-    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """Measures the motion from the start of each scan to the start of the next.
-
-        Raises:
-            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
-        """
-        return match_scans(scans, self._new_matcher, self._context, self._settings.strongest)
-
-
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins at a time [s] with a twist (3,)
 
 
@@ -233,10 +212,8 @@ def keep_strongest(scan: Scan, share: float) -> Scan:
     return replace(scan, returns=scan.returns.take(intensities >= weakest))
 
 
-def match_scans(
-    scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], context: Context, strongest: float = 1.0
-) -> Iterator[Measurement]:
-    """Yields the motion from the start of each scan to the start of the next.
+class MatchingFrontEnd:
+    """A front end that matches each scan to a map of the scans before it.
 
     A matcher predicts by its last motion, so that it needs a first motion. To find this motion, a matcher runs over the
     first scans forwards and then backwards in time, so that it ends at the start of the recording with the speed there.
@@ -247,48 +224,54 @@ def match_scans(
     errors of both tracks are, and where one of the two tracks is lost: the motions there get the status `LOST`.
 
     Args:
-        scans: the scans in order.
-        new_matcher: makes a matcher that has seen no scan.
-        context: context of the front end, whose odometry is used for the start only.
+        context: what the front end may use besides the scans; its odometry is used for the start only.
         strongest: share (0..1] of each scan's returns that is matched, the strongest ones.
-
-    Raises:
-        EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
+        new_matcher: makes a matcher that has seen no scan.
     """
-    scans = [keep_strongest(scan, strongest) for scan in scans]
 
-    instants = are_instants(scans)
+    def __init__(self, context: Context, strongest: float, new_matcher: Callable[[], ScanMatcher]) -> None:
+        self._context, self._strongest, self._new_matcher = context, strongest, new_matcher
 
-    def new_track(time: float, twist: se2.Array) -> ScanTrack:
-        return ScanTrack(new_matcher(), time, twist, context.doppler_beta, instants=instants)
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
+        """Measures the motion from the start of each scan to the start of the next.
 
-    followed = []
-    for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context), instants=instants):
-        followed.append((motion, unseen_s))
-        context.preview(motion)
-    last = followed[-1][0]
-    backward = _follow_backwards(scans, new_track(scans[-1].t1, se2.log(last.pose) / (last.t1 - last.t0)))
-    apart = np.array(
-        [
-            np.zeros(3) if back is None else se2.subtract(back, motion.pose)
-            for (motion, _), back in zip(followed, backward, strict=True)
+        Raises:
+            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
+        """
+        context = self._context
+        scans = [keep_strongest(scan, self._strongest) for scan in scans]
+        instants = are_instants(scans)
+
+        def new_track(time: float, twist: se2.Array) -> ScanTrack:
+            return ScanTrack(self._new_matcher(), time, twist, context.doppler_beta, instants=instants)
+
+        followed = []
+        for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context), instants=instants):
+            followed.append((motion, unseen_s))
+            context.preview(motion)
+        last = followed[-1][0]
+        backward = _follow_backwards(scans, new_track(scans[-1].t1, se2.log(last.pose) / (last.t1 - last.t0)))
+        apart = np.array(
+            [
+                np.zeros(3) if back is None else se2.subtract(back, motion.pose)
+                for (motion, _), back in zip(followed, backward, strict=True)
+            ]
+        )
+        lost = _find_lost(apart, np.array([motion.t1 - motion.t0 for motion, _ in followed]))
+        twice = [
+            Twice(m.pose, off, 2.0 * np.diag(m.covariance))
+            for (m, unseen_s), b, off, is_lost in zip(followed, backward, apart, lost, strict=True)
+            if m.on_map and b is not None and not unseen_s.any() and not is_lost
         ]
-    )
-    lost = _find_lost(apart, np.array([motion.t1 - motion.t0 for motion, _ in followed]))
-    twice = [
-        Twice(m.pose, off, 2.0 * np.diag(m.covariance))
-        for (m, unseen_s), b, off, is_lost in zip(followed, backward, apart, lost, strict=True)
-        if m.on_map and b is not None and not unseen_s.any() and not is_lost
-    ]
-    scale = learn_scale(twice)
-    coasting = np.diag(np.array([_COAST_VX, _COAST_VY, _COAST_OMEGA]) ** 2)
-    for (motion, unseen_s), back, off, is_lost in zip(followed, backward, apart, lost, strict=True):
-        covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
-        if is_lost:
-            covariance = covariance + coasting * (motion.t1 - motion.t0) ** 2 + np.outer(off, off)
-            motion = replace(motion, status=Status.LOST, on_map=False)
-        both = np.sqrt(2.0) * off if motion.on_map and back is not None else np.full(3, np.nan)
-        yield replace(motion, covariance=covariance, apart=both)
+        scale = learn_scale(twice)
+        coasting = np.diag(np.array([_COAST_VX, _COAST_VY, _COAST_OMEGA]) ** 2)
+        for (motion, unseen_s), back, off, is_lost in zip(followed, backward, apart, lost, strict=True):
+            covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
+            if is_lost:
+                covariance = covariance + coasting * (motion.t1 - motion.t0) ** 2 + np.outer(off, off)
+                motion = replace(motion, status=Status.LOST, on_map=False)
+            both = np.sqrt(2.0) * off if motion.on_map and back is not None else np.full(3, np.nan)
+            yield replace(motion, covariance=covariance, apart=both)
 
 
 def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDArray[np.bool_]:

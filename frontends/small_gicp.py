@@ -35,7 +35,7 @@ class SmallGicpFrontEnd(MatchingFrontEnd):
 
     def __init__(self, context: Context) -> None:
         settings, registration = Matching.of(context, STRONGEST, VOXEL_M), _SmallGicpRegistration(_import_small_gicp())
-        super().__init__(context, settings, lambda: KeyframeMatcher(registration, settings))
+        super().__init__(context, settings.strongest, lambda: KeyframeMatcher(registration, settings))
 
 
 class _SmallGicpRegistration:

@@ -9,7 +9,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.scan_matching import PlacedScan, match_scans
+from mqslam.frontends.scan_matching import MatchingFrontEnd, PlacedScan
 
 STEP_S = 0.2
 STEPS = np.array([[0.3, 0.0, 0.0]] * 6 + [[0.0, 0.0, 0.6]] * 4 + [[0.0, 0.0, 0.0]] * 3 + [[0.5, 0.02, -0.2]] * 6)
@@ -42,5 +42,5 @@ def test_the_motion_to_a_scan_of_an_instant_is_the_one_since_the_scan_before_it(
     for k in range(len(TRUTH)):
         t0, ones = STEP_S * k, np.ones(30)
         scans.append(Scan(t0, t0 + STEP_S, Returns((k + 1) * ones, 0.0 * ones, t0 * ones, ones)))
-    motions = list(match_scans(scans, ExactMatcher, Context(Config(), STEP_S, 0, None)))
+    motions = list(MatchingFrontEnd(Context(Config(), STEP_S, 0, None), 1.0, ExactMatcher).measure(scans))
     np.testing.assert_allclose([motion.pose for motion in motions], STEPS, atol=1e-9)

@@ -22,7 +22,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
-from mqslam.frontends.scan_matching import _COAST_VX, Matching, PlacedScan, keep_strongest, match_scans
+from mqslam.frontends.scan_matching import _COAST_VX, Matching, MatchingFrontEnd, PlacedScan, keep_strongest
 from mqslam.simulator import ConstantDrive, make_corridor_scene, make_street_scene
 
 Measure = Callable[..., list[Measurement]]
@@ -170,6 +170,10 @@ def context(odometry: Trajectory | None = None, doppler_beta: float = 0.0) -> Co
     return Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
 
 
+def follow(scans: Sequence[Scan], new_matcher: Callable[[], Recorder], context: Context) -> list[Measurement]:
+    return list(MatchingFrontEnd(context, 1.0, new_matcher).measure(scans))
+
+
 def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[Measurement]]:
     """Sends three scans through a recorder that starts with odometry of 8 m/s in a bend."""
     recording, scans = street_drive()
@@ -181,7 +185,7 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         recorders.append(Recorder())
         return recorders[-1]
 
-    motions = list(match_scans(scans[:3], new, context(odometry, doppler_beta)))
+    motions = follow(scans[:3], new, context(odometry, doppler_beta))
     return recorders[-2], scans[:3], motions  # the last recorder is the one that goes backwards
 
 
@@ -205,7 +209,7 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
 
 
 def test_all_scans_are_followed_backwards() -> None:
-    motions = list(match_scans(street_drive()[1][:24], Recorder, context()))
+    motions = follow(street_drive()[1][:24], Recorder, context())
     assert all(np.isfinite(motion.apart).all() for motion in motions)
 
 
@@ -227,7 +231,7 @@ def test_a_track_that_its_way_back_contradicts_is_lost_there(slip: list[float]) 
             return replace(match, pose=se2.compose(match.pose, np.array(slip))) if slips else match
 
     recording, scans = street_drive()
-    motions = list(match_scans(scans, Slipping, context(recording.odometry)))
+    motions = follow(scans, Slipping, context(recording.odometry))
     lost = np.array([motion.status is Status.LOST for motion in motions])
     assert lost[18:28].all() and not lost[:10].any() and not lost[36:].any()
     sigmas = np.sqrt([np.diag(motion.covariance) for motion in motions])
@@ -247,7 +251,7 @@ def test_tracks_that_differ_by_noise_alone_are_not_lost() -> None:
             match = super().match(points, fractions, before, np.array([np.copysign(2.0, motion[0]), 0.0, 0.0]))
             return replace(match, pose=se2.compose(match.pose, noise.normal(0.0, [0.1, 0.1, 0.005])))
 
-    assert all(m.status is Status.CONVERGED for m in match_scans(street_drive()[1], Noisy, context()))
+    assert all(m.status is Status.CONVERGED for m in follow(street_drive()[1], Noisy, context()))
 
 
 def test_covariances_are_turned_into_the_frame_the_motion_starts_in() -> None:
@@ -272,6 +276,6 @@ def test_how_far_the_way_back_is_from_the_way_there_shows_how_large_the_errors_a
             match = super().match(points, fractions, before, motion)
             return replace(match, pose=match.pose + np.array([next(sides), 0.0, 0.0]))
 
-    motions = list(match_scans(street_drive()[1][:40], Wavering, context()))
+    motions = follow(street_drive()[1][:40], Wavering, context())
     stated = np.median([m.covariance[0, 0] for m in motions[5:]])
     assert 0.4 * off**2 < stated
