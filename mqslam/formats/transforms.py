@@ -45,24 +45,20 @@ def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
 
 def _is_motion(numbers: _Numbers) -> bool:
     """Returns whether the numbers of a transform are finite and its quaternion is not zero."""
-    return bool(np.isfinite(numbers).all() and any(numbers[3:]))
+    return bool(np.isfinite(numbers).all() and np.linalg.norm(numbers[3:]) > 0.0)
 
 
 @dataclass(slots=True)
 class Mounts:
-    """The transforms (4, 4) of a recording that never change; each converts points [m] from a frame to its parent.
+    """The transforms of a recording that never change; each converts points [m] from a frame to its parent.
 
     Args:
-        parents: by frame, the name of its parent and the transform; without transforms on /tf that have changed.
-        topics: by frame in `parents`, the topic that states the transform.
-        stated: by frame, the parent and the numbers (x, y, z [m] and the quaternion x, y, z, w) of the first valid transform
-            on /tf, with which later ones are compared.
+        parents: by frame, the name of its parent, the numbers of the transform (x, y, z [m] and the quaternion x, y, z, w),
+            and the topic that states it; without transforms on /tf that have changed.
         moving: the frames whose transforms on /tf have changed, which are therefore ignored there.
     """
 
-    parents: dict[str, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
-    topics: dict[str, str] = field(default_factory=dict)
-    stated: dict[str, tuple[str, _Numbers]] = field(default_factory=dict)
+    parents: dict[str, tuple[str, _Numbers, str]] = field(default_factory=dict)
     moving: set[str] = field(default_factory=set)
 
     @staticmethod
@@ -79,30 +75,21 @@ class Mounts:
         Raises:
             ValueError: a quaternion on /tf_static is zero.
         """
-        from scipy.spatial.transform import Rotation
-
         for _, frame, parent, numbers in _list_links(message):
-            if not is_static(topic) and (
-                frame in self.moving or not self._stays(frame, parent, numbers) or frame in self.parents
-            ):
-                continue
-            matrix = np.eye(4)
-            matrix[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-            matrix[:3, 3] = numbers[:3]
-            self.parents[frame], self.topics[frame] = (parent, matrix), topic
+            if is_static(topic):
+                if np.linalg.norm(numbers[3:]) == 0.0:
+                    raise ValueError("holds a quaternion of zeros")
+                self.parents[frame] = parent, numbers, topic
+            elif frame not in self.moving and _is_motion(numbers):
+                known_parent, known, source = self.parents.setdefault(frame, (parent, numbers, topic))
+                apart = max(abs(one - other) for one, other in zip(numbers, known, strict=True))
+                if not is_static(source) and (known_parent != parent or apart > _SAME):
+                    self.moving.add(frame)
+                    del self.parents[frame]
 
-    def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
-        """Returns whether a transform on /tf is valid and equal to the first of its frame; a frame that moves is removed."""
-        if not _is_motion(numbers):
-            return False
-        before = self.stated.setdefault(frame, (parent, numbers))
-        apart = max(abs(one - other) for one, other in zip(numbers, before[1], strict=True))
-        if before[0] == parent and apart <= _SAME:
-            return True
-        self.moving.add(frame)
-        if self.topics.get(frame, "").rsplit("/", 1)[-1] == _MOVING:
-            del self.parents[frame], self.topics[frame]
-        return False
+    def find_topic(self, frame: str) -> str:
+        """Returns the topic that states where a frame lies in its parent; "" if no topic states it."""
+        return self.parents[name_frame(frame)][2] if name_frame(frame) in self.parents else ""
 
     def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
         """Finds the transform (4, 4) of points [m] from a sensor's frame to a body's frame.
@@ -134,10 +121,14 @@ class Mounts:
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
         """Returns the nearest of the bodies above a sensor, or else the topmost frame, with the transform (4, 4) to it."""
+        from scipy.spatial.transform import Rotation
+
         frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
         while frame not in bodies and frame in self.parents and frame not in passed:
             passed.add(frame)
-            frame, step = self.parents[frame]
+            frame, numbers, _ = self.parents[frame]
+            step = np.eye(4)
+            step[:3, :3], step[:3, 3] = Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3]
             with np.errstate(invalid="ignore"):  # a transform that is not finite shows in the result
                 matrix = step @ matrix
         return frame, matrix

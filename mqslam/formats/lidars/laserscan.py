@@ -86,7 +86,7 @@ def read_lidar(path: Path) -> LidarRecording:
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     body = index.poses.frames.get(odometry_topic or "", "")
     mount = index.mounts.find(index.sensor_frame, body)
-    stated = index.mounts.topics.get(bags.name_frame(index.sensor_frame), "/tf_static")
+    stated = index.mounts.find_topic(index.sensor_frame) or "/tf_static"
     upside_down = index.mounts.is_upside_down(index.sensor_frame, body)
     if upside_down:
         notes.append(f"the lidar is mounted upside down, as {stated} states it: its angles are mirrored")

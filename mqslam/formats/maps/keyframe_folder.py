@@ -185,10 +185,10 @@ def _read_index(path: Path) -> dict[str, Any]:
         recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
         where, described = index["georeference"], index["described_with"]
         if where is not None:
-            numbers = np.array([where["latitude"], where["longitude"], *where["pose"]], dtype=np.float64)
-            if len(numbers) != 5 or not np.isfinite(numbers).all():
+            stated = np.array([where["latitude"], where["longitude"], *where["pose"]], dtype=np.float64)
+            if len(stated) != 5 or not np.isfinite(stated).all():
                 raise ValueError("georeference")
-            where = Georeference(TangentPlane(*numbers[:2].tolist()), numbers[2:])
+            where = Georeference(TangentPlane(*stated[:2].tolist()), stated[2:])
         for recording in recordings:
             name, *numbers = (value for value in astuple(recording) if value is not None)
             if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):

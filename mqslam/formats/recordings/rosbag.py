@@ -162,8 +162,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         odometry, note = frames.place_odometry(odometry, odometry_topic, index.poses.frames[odometry_topic])
         notes.append(note)
     if truth is not None and truth_topic is not None:
-        truth_on_vehicle = frames.is_of_vehicle(index.poses.frames[truth_topic])
-        truth, note = frames.place_truth(truth, truth_topic, index.poses.frames[truth_topic])
+        truth, note, truth_on_vehicle = frames.place_truth(truth, truth_topic, index.poses.frames[truth_topic])
         notes.append(note)
     recording = RosbagRecording(
         path=path,
@@ -189,7 +188,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
     )
     if not upside_down:
         return placed
-    over = f"{sensors.mounts.topics[name_frame(index.radar_frame)]} places the radar upside down"
+    over = f"{sensors.mounts.find_topic(index.radar_frame)} places the radar upside down"
     if sensing.clockwise is not None:
         return replace(placed, notes=(*placed.notes, f"{over}, which is ignored because sensor.clockwise is set"))
     if radar.stamps_azimuths:
@@ -226,31 +225,23 @@ class Frames:
             return odometry, f"odometry from {topic} is taken as the motion of the vehicle, on which {self.radar} sits"
         return odometry.attach(se2.inverse(on_vehicle)), f"odometry from {topic} is the motion of {frame}"
 
-    def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
+    def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str, bool]:
         """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this.
 
         Otherwise the poses are unchanged. If no transform places their frame, they are taken as poses of the radar. If only
-        the mount is not known, they are poses of their frame.
+        the mount is not known, they are poses of their frame. The third result is whether this is the vehicle's own frame.
         """
         if frame and name_frame(frame) == name_frame(self.radar):
-            return truth, f"ground truth from {topic} is the pose of the radar"
+            return truth, f"ground truth from {topic} is the pose of the radar", False
         on_vehicle = self._find(frame)
         if on_vehicle is None:
-            return truth, f"ground truth from {topic} is taken as the pose of the radar itself"
+            return truth, f"ground truth from {topic} is taken as the pose of the radar itself", False
         if self.mount is None:
-            return truth, f"ground truth from {topic} is the pose of {frame}; the bag does not state the radar's place on it"
+            note = f"ground truth from {topic} is the pose of {frame}; the bag does not state the radar's place on it"
+            return truth, note, not on_vehicle.any()
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
         note = f"ground truth from {topic} is the pose of {frame}, converted to poses of the radar by {self.mount.source}"
-        return truth.attach(to_radar), note
-
-    def is_of_vehicle(self, frame: str) -> bool:
-        """Returns whether `place_truth` leaves poses of a frame as poses of the vehicle.
-
-        This is so if the frame is the vehicle's own, is not the radar's, and the bag does not state the radar's mount.
-        """
-        on_vehicle = self._find(frame)
-        apart = name_frame(frame) != name_frame(self.radar)
-        return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
+        return truth.attach(to_radar), note, False
 
     def _find(self, frame: str) -> se2.Array | None:
         """Returns the pose (3,) x, y [m], yaw [rad] of a frame on the vehicle; None if no finite transforms state it."""

@@ -147,7 +147,7 @@ class RosSensors:
             DataError: no transform places the radar, but messages are damaged; or transforms place it by numbers that are
                 not finite.
         """
-        topic = self.mounts.topics.get(bags.name_frame(radar_frame))
+        topic = self.mounts.find_topic(radar_frame)
         pose = self.mounts.find(radar_frame) if topic else None
         if pose is None:
             if damaged := self.rows[STATIC_TOPIC].unread:
@@ -155,7 +155,7 @@ class RosSensors:
             return None
         if not np.isfinite(pose).all():
             raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {topic}")
-        return Mount(pose, topic or STATIC_TOPIC)
+        return Mount(pose, topic)
 
     @property
     def notes(self) -> list[str]:

@@ -31,10 +31,8 @@ def placed(**poses: np.ndarray) -> Mounts:
     """Returns static transforms that place frames on base_link."""
     parents = {}
     for frame, (x, y, yaw) in poses.items():
-        matrix = np.eye(4)
-        matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        matrix[:2, 3] = x, y
-        parents[frame] = ("base_link", matrix)
+        numbers = (x, y, 0.0, 0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0))
+        parents[frame] = ("base_link", numbers, "/tf_static")
     return Mounts(parents)
 
 
@@ -44,28 +42,31 @@ UNKNOWN = Frames("radar", None, placed(table=TABLE))
 
 @pytest.mark.parametrize("frame", ["base_link", "/base_link", "base_footprint"])
 def test_ground_truth_of_the_vehicle_is_carried_to_the_radar(frame: str) -> None:
-    truth, note = KNOWN.place_truth(TRACK, "/gt", frame)
+    truth, note, _ = KNOWN.place_truth(TRACK, "/gt", frame)
     np.testing.assert_allclose(truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-12)
     assert note == f"ground truth from /gt is the pose of {frame}, converted to poses of the radar by /tf_static"
 
 
 def test_ground_truth_of_something_on_the_vehicle_is_carried_to_the_radar() -> None:
     table = replace(TRACK, poses=se2.compose(TRACK.poses, TABLE))
-    truth, _ = KNOWN.place_truth(table, "/gt", "table")
+    truth, _, _ = KNOWN.place_truth(table, "/gt", "table")
     np.testing.assert_allclose(truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-12)
 
 
 @pytest.mark.parametrize(("frames", "frame"), [(KNOWN, "radar"), (KNOWN, ""), (KNOWN, "other"), (UNKNOWN, "base_link")])
 def test_ground_truth_stays_where_nothing_says_how_to_carry_it(frames: Frames, frame: str) -> None:
-    truth, note = frames.place_truth(TRACK, "/gt", frame)
+    truth, note, _ = frames.place_truth(TRACK, "/gt", frame)
     assert truth is TRACK and note.startswith("ground truth from /gt is ")
 
 
 def test_only_poses_of_the_vehicle_itself_wait_for_extrinsics() -> None:
-    assert UNKNOWN.is_of_vehicle("base_link")
-    assert not any(UNKNOWN.is_of_vehicle(frame) for frame in ("radar", "table", "other", ""))
-    assert not Frames("base_link", None, Mounts()).is_of_vehicle("base_link")  # the radar's frame is called so
-    assert not KNOWN.is_of_vehicle("base_link")
+    def is_of_vehicle(frames: Frames, frame: str) -> bool:
+        return frames.place_truth(TRACK, "/gt", frame)[2]
+
+    assert is_of_vehicle(UNKNOWN, "base_link")
+    assert not any(is_of_vehicle(UNKNOWN, frame) for frame in ("radar", "table", "other", ""))
+    assert not is_of_vehicle(Frames("base_link", None, Mounts()), "base_link")  # the radar's frame is called so
+    assert not is_of_vehicle(KNOWN, "base_link")
 
 
 @pytest.mark.parametrize(("frame", "pose"), [("base_link", np.zeros(3)), ("radar", RADAR), ("table", TABLE)])
