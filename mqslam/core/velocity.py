@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,15 +112,27 @@ class Velocities:
         return velocities, f[..., None] ** 2 * self.covariances[a] + g[..., None] ** 2 * self.covariances[b]
 
     @classmethod
+    def of_scan(
+        cls, time: float, outcome: Outcome, velocity: Array | None = None, covariance: Array | None = None
+    ) -> Velocities:
+        """Makes the velocities of one scan; without a velocity (2,) and its covariance (2, 2), both are NaN.
+
+        Args:
+            time: midpoint in time of the scan [s] since the recording's start.
+            outcome: whether the scan measured a velocity, or the reason why it did not.
+            velocity: forward and left [m/s].
+            covariance: covariance of the velocity [m^2/s^2].
+        """
+        velocity = np.full(2, np.nan) if velocity is None else velocity
+        covariance = np.full((2, 2), np.nan) if covariance is None else covariance
+        return cls(np.array([time]), velocity[None], covariance[None], np.array([outcome], dtype=np.int64), CHIRP_BETA)
+
+    @classmethod
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
         """Joins the velocities of one or more successive parts of a recording, which must have the same `doppler_beta`."""
-        return cls(
-            np.concatenate([part.times for part in parts]),
-            np.concatenate([part.velocities for part in parts]),
-            np.concatenate([part.covariances for part in parts]),
-            np.concatenate([part.outcomes for part in parts]),
-            parts[0].doppler_beta,
-        )
+        names = ("times", "velocities", "covariances", "outcomes")
+        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return cls(**joined, doppler_beta=parts[0].doppler_beta)
 
 
 def make_twists(

@@ -12,10 +12,10 @@ import numpy as np
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore
-from mqslam.core.velocity import CHIRP_BETA, Detected, Outcome, Velocities
+from mqslam.core.velocity import Detected, Outcome, Velocities
 from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
-from mqslam.detection.velocity_fit import Velocity, measure_velocity
+from mqslam.detection.velocity_fit import measure_velocity
 from mqslam.errors import DataError
 from mqslam.execution.kept import describe_kept_stretch
 from mqslam.execution.runner import Runner
@@ -57,7 +57,7 @@ def detect_stretch(
         DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine.
     """
     scans: list[Returns] = []
-    velocities: list[Velocity] = []
+    velocities: list[Velocities] = []
     unread: dict[int, DataError] = {}
     counts = PeakCounts()
     stretch = slice(start, stop)
@@ -80,19 +80,10 @@ def detect_stretch(
         else:
             unread[k] = polar_scan.with_traceback(None)
             scans.append(Returns.none())
-            velocities.append(Velocity.none(Outcome.UNREAD))
+            velocities.append(Velocities.of_scan(float(middles[k - start]), Outcome.UNREAD))
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    if not with_velocities:
-        return Detected(scans, unread, read_s, detect_s, counts)
-    measured = Velocities(
-        times=np.asarray(middles, dtype=np.float64),
-        velocities=np.array([v.velocity for v in velocities]).reshape(-1, 2),
-        covariances=np.array([v.covariance for v in velocities]).reshape(-1, 2, 2),
-        outcomes=np.array([v.outcome for v in velocities], dtype=np.int64),
-        doppler_beta=CHIRP_BETA,
-    )
-    return Detected(scans, unread, read_s, detect_s, counts, measured)
+    return Detected(scans, unread, read_s, detect_s, counts, Velocities.join(velocities) if with_velocities else None)
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:

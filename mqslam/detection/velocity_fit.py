@@ -29,7 +29,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mqslam.core.recording import PolarScan
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
-from mqslam.core.velocity import CHIRP_BETA, Outcome
+from mqslam.core.velocity import CHIRP_BETA, Outcome, Velocities
 
 # Largest speed that is searched [m/s]: 160 km/h.
 FASTEST_MPS = 45.0
@@ -186,26 +186,6 @@ def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Velocity:
-    """The sensor's velocity in its own frame, measured from one scan.
-
-    Args:
-        velocity: (2,) forward and left [m/s]; NaN without a measurement.
-        covariance: (2, 2) covariance of forward and left [m^2/s^2]; NaN without a measurement.
-        outcome: whether the velocity was measured, or the reason why it was not.
-    """
-
-    velocity: Array
-    covariance: Array
-    outcome: Outcome
-
-    @classmethod
-    def none(cls, outcome: Outcome) -> Velocity:
-        """Returns the result of a scan that measured no velocity, with the reason."""
-        return cls(np.full(2, np.nan), np.full((2, 2), np.nan), outcome)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Shifts:
     """Radial speeds of the world relative to the sensor, one per azimuth of a scan.
 
@@ -218,7 +198,7 @@ class Shifts:
     weights: Array
 
 
-def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float) -> Velocity:
+def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float) -> Velocities:
     """Measures the sensor's velocity from a polar scan whose up-chirps and down-chirps alternate.
 
     Args:
@@ -227,16 +207,16 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
         middle: time in the middle of the scan [s since the recording's start], for which the velocity holds.
 
     Returns:
-        The velocity, or the reason why this scan measures none.
+        The velocities of this one scan: its velocity, or the reason why it measures none.
     """
     correlation = correlate_chirps(polar_scan, range_resolution)
     if correlation is None:
-        return Velocity.none(Outcome.ONE_DIRECTION)
+        return Velocities.of_scan(middle, Outcome.ONE_DIRECTION)
     seen = np.any(correlation.values != 0.0, axis=1)
     if np.count_nonzero(seen) < _FEWEST_AZIMUTHS * len(seen):
-        return Velocity.none(Outcome.DARK)
+        return Velocities.of_scan(middle, Outcome.DARK)
     first = _search(correlation)
-    return Velocity.none(Outcome.UNCLEAR) if first is None else _fit(correlation, first, middle)
+    return Velocities.of_scan(middle, Outcome.UNCLEAR) if first is None else _fit(correlation, first, middle)
 
 
 def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
@@ -271,7 +251,7 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
     return tried[best] if sums[best] - median > _CLEAR * spread else None
 
 
-def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity:
+def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocities:
     """Fits the velocity at time `middle` [s] and the acceleration to all shifts, from a first velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
@@ -284,12 +264,12 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
     for _ in range(_ROUNDS):
         shifts = read_shifts(correlation, jacobian @ state)
         if np.count_nonzero(shifts.weights) < _FEWEST_AZIMUTHS * len(rays):
-            return Velocity.none(Outcome.DARK)
+            return Velocities.of_scan(middle, Outcome.DARK)
         state, width = _fit_robustly(jacobian, shifts, state, prior)
     covariance = _leave_out_sectors(jacobian, shifts, state, width, prior)
     if covariance is None:
-        return Velocity.none(Outcome.ONE_SIDED)
-    return Velocity(state[:2], covariance[:2, :2], Outcome.MEASURED)
+        return Velocities.of_scan(middle, Outcome.ONE_SIDED)
+    return Velocities.of_scan(middle, Outcome.MEASURED, state[:2], covariance[:2, :2])
 
 
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:

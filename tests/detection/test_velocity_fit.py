@@ -12,13 +12,12 @@ from scipy.optimize import minimize
 from worlds.writing import WORLDS
 
 from mqslam.core.recording import PolarScan
-from mqslam.core.velocity import Outcome
+from mqslam.core.velocity import Outcome, Velocities
 from mqslam.detection import velocity_fit
 from mqslam.detection.velocity_fit import (
     _OUTLIER_SPREADS,
     _SECTORS,
     Shifts,
-    Velocity,
     _fit_robustly,
     _leave_out_sectors,
     correlate_chirps,
@@ -65,7 +64,7 @@ def record(scene: Scene, drive: Drive, duration_s: float, world: str = "kind") -
     return simulate_recording(scene, drive, duration_s=duration_s, sensor=SENSOR, world=WORLDS[world])
 
 
-def measure(recording: SimulatedRecording, k: int) -> Velocity:
+def measure(recording: SimulatedRecording, k: int) -> Velocities:
     middle = float(recording.start_times[k] + recording.end_times[k]) / 2.0
     return measure_velocity(recording[k], recording.range_resolution, middle)
 
@@ -75,9 +74,9 @@ def measure_some(recording: SimulatedRecording, step: int) -> Measured:
     chosen = np.arange(0, len(recording), step)
     middles = (recording.start_times[chosen] + recording.end_times[chosen]) / 2.0
     found = [measure(recording, int(k)) for k in chosen]
-    assert all(v.outcome is Outcome.MEASURED for v in found)
-    errors = np.array([v.velocity for v in found]) - recording.drive.twists(middles)[:, :2]
-    squares = [e @ np.linalg.solve(v.covariance, e) for e, v in zip(errors, found, strict=True)]
+    assert all(v.outcomes[0] == Outcome.MEASURED for v in found)
+    errors = np.array([v.velocities[0] for v in found]) - recording.drive.twists(middles)[:, :2]
+    squares = [e @ np.linalg.solve(v.covariances[0], e) for e, v in zip(errors, found, strict=True)]
     return Measured(errors, np.array(squares))
 
 
@@ -103,7 +102,7 @@ def test_over_a_whole_drive_the_covariance_is_that_of_the_errors(name: str, worl
 
 def test_at_rest_the_velocity_is_zero() -> None:
     still = measure(record(make_yard_scene(1), ConstantDrive(0.0, 0.0), 0.25), 0)
-    np.testing.assert_allclose(still.velocity, 0.0, atol=0.1)
+    np.testing.assert_allclose(still.velocities[0], 0.0, atol=0.1)
 
 
 def test_braking_does_not_pass_for_sliding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +115,7 @@ def test_braking_does_not_pass_for_sliding(monkeypatch: pytest.MonkeyPatch) -> N
         aside.append([])
         for acceleration in (3.0, 1e-3):
             monkeypatch.setattr(velocity_fit, "_ACCELERATION", acceleration)
-            aside[-1].append(measure(recording, 0).velocity[1])
+            aside[-1].append(measure(recording, 0).velocities[0, 1])
     with_acceleration, without = np.abs(np.mean(aside, axis=0))
     assert with_acceleration < 0.05 < 0.08 < without
 
@@ -126,7 +125,7 @@ def test_traffic_that_keeps_pace_does_not_count() -> None:
     yard = make_yard_scene(3)
     scene = Scene(yard.walls, yard.poles, beside, yard.plants)
     found = measure(record(scene, ConstantDrive(10.0, 0.0), 0.25), 0)
-    np.testing.assert_allclose(found.velocity, [10.0, 0.0], atol=0.2)
+    np.testing.assert_allclose(found.velocities[0], [10.0, 0.0], atol=0.2)
 
 
 def scan_of(power: NDArray[np.uint8]) -> PolarScan:
@@ -145,18 +144,18 @@ def test_where_nothing_is_seen_and_where_all_chirps_go_the_same_way_no_velocity_
     expected = {Outcome.UNCLEAR: scan_of(bright), Outcome.DARK: scan_of(thermal), Outcome.ONE_DIRECTION: one_way}
     for outcome, polar_scan in expected.items():
         found = measure_velocity(polar_scan, 0.175, 0.125)
-        assert found.outcome is outcome and np.isnan(found.velocity).all() and np.isnan(found.covariance).all()
+        assert found.outcomes[0] == outcome and np.isnan(found.velocities[0]).all() and np.isnan(found.covariances[0]).all()
 
 
 def test_what_only_a_narrow_sector_shows_is_uncertain_across_it(monkeypatch: pytest.MonkeyPatch) -> None:
     wall = Scene(np.array([[20.0, -8.0, 20.0, 8.0, 1.0, 0.9], [26.0, -9.0, 24.0, 9.0, 1.0, 0.9]]))
     monkeypatch.setattr(velocity_fit, "_FEWEST_AZIMUTHS", 0.05)
     found = measure(record(wall, ConstantDrive(6.0, 0.0), 0.25), 0)
-    if found.outcome is Outcome.MEASURED:
-        sigmas = np.sqrt(np.diag(found.covariance))
-        assert abs(found.velocity[0] - 6.0) < 4.0 * sigmas[0] and sigmas[1] > 2.0 * sigmas[0]
+    if found.outcomes[0] == Outcome.MEASURED:
+        sigmas = np.sqrt(np.diag(found.covariances[0]))
+        assert abs(found.velocities[0, 0] - 6.0) < 4.0 * sigmas[0] and sigmas[1] > 2.0 * sigmas[0]
     else:
-        assert found.outcome is Outcome.ONE_SIDED
+        assert found.outcomes[0] == Outcome.ONE_SIDED
 
 
 def test_twice_the_shift_per_speed_means_half_the_velocity(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +164,7 @@ def test_twice_the_shift_per_speed_means_half_the_velocity(monkeypatch: pytest.M
     monkeypatch.setattr(velocity_fit, "CHIRP_BETA", 2.0 * CHIRP_BETA)
     monkeypatch.setattr(velocity_fit, "FASTEST_MPS", 22.5)
     half = measure(recording, 0)
-    np.testing.assert_allclose(half.velocity, 0.5 * one.velocity, atol=0.02)
+    np.testing.assert_allclose(half.velocities, 0.5 * one.velocities, atol=0.02)
 
 
 def some_shifts(seed: int = 1) -> tuple[NDArray[np.float64], Shifts]:
@@ -236,8 +235,8 @@ def test_the_real_scan_splits_and_shows_a_vehicle_at_rest(boreas_rt: Path) -> No
     np.testing.assert_allclose(np.abs(np.diff(polar_scan.down.azimuths)), 2.0 * np.pi * 28 / 5600)
     np.testing.assert_allclose(polar_scan.times - polar_scan.down.times, 625e-6, atol=2e-6)
     found = measure_velocity(polar_scan, recording.range_resolution, 0.125)
-    assert found.outcome is Outcome.MEASURED
-    assert np.all(np.abs(found.velocity) < 0.35) and np.all(np.sqrt(np.diag(found.covariance)) < 0.15)
+    assert found.outcomes[0] == Outcome.MEASURED
+    assert np.all(np.abs(found.velocities[0]) < 0.35) and np.all(np.sqrt(np.diag(found.covariances[0])) < 0.15)
     correlation = correlate_chirps(polar_scan, recording.range_resolution)
     assert correlation is not None
     shifts = read_shifts(correlation, np.zeros(len(correlation.azimuths)))
