@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.point_map import PointMap
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import untrusted
 from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
@@ -97,11 +97,7 @@ def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]
     Raises:
         DataError: the file cannot be read, or lacks one of the properties.
     """
-    from plyfile import PlyData, PlyParseError
+    from plyfile import PlyData
 
-    try:
-        vertices = PlyData.read(str(untrusted.check_file(path)))["vertex"]
-        return {name: np.asarray(vertices[name], dtype=np.float64) for name in names}
-    except (OSError, ValueError, KeyError, PlyParseError) as error:
-        problem = f"is not a readable PLY with {', '.join(names)} ({error})"
-        raise DataError(path, problem, "give the folder of a finished run") from error
+    vertices = PlyData.read(str(untrusted.check_file(path)))["vertex"]
+    return {name: np.asarray(vertices[name], dtype=np.float64) for name in names}

@@ -13,7 +13,7 @@ import numpy as np
 
 from mqslam.core.sensors import VEHICLE
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import untrusted
 from mqslam.formats.bags import (
     PATH_TYPE,
     POSE_TYPE,
@@ -79,11 +79,9 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 def _find_moved(summary: Path) -> str:
     """Returns the frame, the radar's or the vehicle's, whose poses a run has written, as the run's summary states it."""
-    try:
+    with untrusted.blame_file(summary):
         stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions state no frame and have the radar's poses
-    except (OSError, ValueError, AttributeError) as error:
-        raise DataError(summary, "is no summary of a run", "run the recording again") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
 
 

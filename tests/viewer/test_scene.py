@@ -31,9 +31,9 @@ def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("map.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "is not a readable PLY"),
-        ("map.ply", "no map", "is not a readable PLY"),
-        ("graph.g2o", "EDGE_SE2 0 one", "is not a readable pose graph"),
+        ("map.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "is damaged or of another kind"),
+        ("map.ply", "no map", "is damaged or of another kind"),
+        ("graph.g2o", "EDGE_SE2 0 one", "is damaged or of another kind"),
         ("graph.g2o", "EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1", "does not fit the 5 poses"),
         ("trajectory.tum", "1 2 3", "line 1 is not"),
     ],

@@ -179,11 +179,8 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
         DataError: the file cannot be read, or the line of an edge does not name two vertices.
     """
     words = [line.split() for line in read_lines(path, _REMEDY) if line]
-    try:
-        edges = [(int(w[1]), int(w[2])) for w in words if w[0] == _PLANAR.edge]
-        return edges, sum(w[0] == _PLANAR.vertex for w in words)
-    except (ValueError, IndexError) as error:
-        raise DataError(path, "is not a readable pose graph", "give the folder of a finished run") from error
+    edges = [(int(w[1]), int(w[2])) for w in words if w[0] == _PLANAR.edge]
+    return edges, sum(w[0] == _PLANAR.vertex for w in words)
 
 
 def _guess_content(words: Sequence[str]) -> str:

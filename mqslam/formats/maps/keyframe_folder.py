@@ -171,46 +171,35 @@ def _read_index(path: Path) -> dict[str, Any]:
     Raises:
         DataError: the file cannot be read, is damaged, or is not the index of a map of this version.
     """
-    try:
-        index = json.loads(untrusted.read_document(path))
-        is_map, version = index["format"] == _FORMAT, int(index["version"])
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise DataError(path, "cannot be read as the index of a map", _REMEDY) from error
-    if not is_map:
+    index = json.loads(untrusted.read_document(path))
+    if index["format"] != _FORMAT:
         raise DataError(path, "is not the index of a map", _REMEDY)
+    version = int(index["version"])
     if version != _VERSION:
         raise DataError(path, f"is of version {version}, and this mqslam reads version {_VERSION}", "make the map again")
-    try:
-        sizes = [int(index[name]) for name in ("keyframes", "points", "places")]
-        recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
-        where, described = index["georeference"], index["described_with"]
-        if where is not None:
-            stated = np.array([where["latitude"], where["longitude"], *where["pose"]], dtype=np.float64)
-            if len(stated) != 5 or not np.isfinite(stated).all():
-                raise ValueError("georeference")
-            where = Georeference(TangentPlane(*stated[:2].tolist()), stated[2:])
-        for recording in recordings:
-            name, *numbers = (value for value in astuple(recording) if value is not None)
-            if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):
-                raise ValueError("recordings")
-            if not (recording.unit_m or 1.0) > 0.0:
-                raise ValueError("unit")
-        if min(sizes) < 0 or not recordings or not isinstance(described, dict):
-            raise ValueError("sizes")
-    except (ValueError, TypeError, KeyError) as error:
-        raise DataError(path, "is damaged", _REMEDY) from error
+    sizes = [int(index[name]) for name in ("keyframes", "points", "places")]
+    if min(sizes) < 0 or not index["recordings"] or not isinstance(index["described_with"], dict):
+        raise ValueError("its sizes, recordings or settings are not those of a map")
+    recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
+    for recording in recordings:
+        name, *numbers = (value for value in astuple(recording) if value is not None)
+        if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):
+            raise ValueError("a recording has no name, or a number that is far too large")
+        if not (recording.unit_m or 1.0) > 0.0:
+            raise ValueError("a recording has a unit that is no length")
+    where = index["georeference"]
+    if where is not None:
+        stated = np.array([where["latitude"], where["longitude"], *where["pose"]], dtype=np.float64)
+        if len(stated) != 5 or not np.isfinite(stated).all():
+            raise ValueError("its place on the Earth is not made of finite numbers")
+        where = Georeference(TangentPlane(*stated[:2].tolist()), stated[2:])
     return {**index, "recordings": recordings, "georeference": where}
 
 
 @untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Opens the array in a file as a memory map, and checks its type and shape; None in the shape allows any length."""
-    try:
-        array: NDArray[Any] = np.load(
-            untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False
-        )
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(path, "cannot be read", _REMEDY) from error
+    array: NDArray[Any] = np.load(untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False)
     fits = array.dtype == kind and array.ndim == len(shape)
     if not fits or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise DataError(path, f"holds an array {array.shape} of {array.dtype}, which does not fit index.json", _REMEDY)

@@ -13,7 +13,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors import Georeference
 from mqslam.core.stored import release
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import untrusted
 from mqslam.execution.files import write_aside, write_text
 from mqslam.formats.poses import mark_places
 
@@ -89,23 +89,17 @@ def read_nav2_map(file: Path) -> Nav2Map:
     Raises:
         DataError: a file cannot be read, or the files hold no map that map_server can load.
     """
-    try:
-        settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
-        magic, width, height, most, pixels = (
-            untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
-        )
-        if (magic, most) != (b"P5", b"255"):
-            raise ValueError("its image is not 8-bit grey")
-        image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))
-        darkness = (255.0 - np.arange(256)) / 255.0
-        meaning = np.full(256, _MESSAGE_UNKNOWN, dtype=np.int8)
-        meaning[darkness > settings["occupied_thresh"]] = _MESSAGE_OCCUPIED
-        meaning[darkness < settings["free_thresh"]] = _MESSAGE_FREE
-        origin = np.array(settings["origin"], dtype=np.float64).reshape(3)
-        resolution = float(settings["resolution"])
-        if not (mark_places(origin) and 0.0 < resolution < _WIDEST_M):
-            raise ValueError("its resolution is no length of a cell, or its origin is no pose")
-        return Nav2Map(meaning[image[::-1]], resolution, origin)
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
-        problem = f"is not a readable map ({str(error).splitlines()[0]})"
-        raise DataError(file, problem, "give the folder of a finished run") from error
+    settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
+    magic, width, height, most, pixels = untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+    if (magic, most) != (b"P5", b"255"):
+        raise ValueError("its image is not 8-bit grey")
+    image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))
+    darkness = (255.0 - np.arange(256)) / 255.0
+    meaning = np.full(256, _MESSAGE_UNKNOWN, dtype=np.int8)
+    meaning[darkness > settings["occupied_thresh"]] = _MESSAGE_OCCUPIED
+    meaning[darkness < settings["free_thresh"]] = _MESSAGE_FREE
+    origin = np.array(settings["origin"], dtype=np.float64).reshape(3)
+    resolution = float(settings["resolution"])
+    if not (mark_places(origin) and 0.0 < resolution < _WIDEST_M):
+        raise ValueError("its resolution is no length of a cell, or its origin is no pose")
+    return Nav2Map(meaning[image[::-1]], resolution, origin)
