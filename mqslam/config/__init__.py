@@ -436,10 +436,8 @@ def read_tree(source: Path | str) -> dict[str, Any]:
             raise ConfigError(f"{source}: is a folder; give a YAML file, such as the config.yaml in it that a run writes")
         else:
             raise ConfigError(f"{source}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{source}: is not a readable YAML file ({error})") from error
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{source}: cannot be read ({error})") from error
+        raise ConfigError(f"{source}: is not a readable YAML file ({error})") from error
     return parse_tree(source, content)
 
 

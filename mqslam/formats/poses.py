@@ -57,10 +57,7 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
     if np.any(np.diff(stamps_us) <= 0):
         row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
-    for sound, problem in (
-        (np.isfinite(poses).all(axis=1), "is not made of finite numbers"),
-        (mark_places(poses), "lies farther away than any vehicle drives"),
-    ):
-        if not sound.all():
-            raise DataError(path, f"pose {int(np.argmin(sound)) + 1} {problem}", "repair or remove its line")
+    if not (sound := mark_places(poses)).all():
+        problem = f"pose {int(np.argmin(sound)) + 1} is not made of finite numbers up to 1e9"
+        raise DataError(path, problem, "repair or remove its line")
     return Trajectory(stamps_us, poses)
