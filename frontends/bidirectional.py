@@ -73,8 +73,10 @@ class ReversedScans(Sequence[Scan]):
             return [self[n] for n in range(*k.indices(len(self)))]
         n = len(self) - 1 - range(len(self))[k]
         scan, end = self._scans[n], self._scans[n].t1
-        if self._instant:
-            return self._turn_instant(scan)
+        if self._instant:  # the reversed scan begins at this instant, too
+            begin = self.end - scan.t0
+            at_once = replace(scan.returns, times=np.full(len(scan.returns), begin))
+            return Scan(begin, begin + scan.t1 - scan.t0, at_once)
         if n + 1 < len(self) and follows_at_once(scan, self._scans[n + 1]):
             end = self._scans[n + 1].t0
         r = scan.returns
@@ -95,11 +97,6 @@ class ReversedScans(Sequence[Scan]):
         at_once = pairwise(follows_at_once(a, b) for a, b in pairwise(self._scans))
         after_first = zip(backward[:0:-1], at_once, strict=True)
         return [None, *(_invert(match) if all(both) else None for match, both in after_first)][: len(backward)]
-
-    def _turn_instant(self, scan: Scan) -> Scan:
-        """Reverses a scan that was taken in one instant; the reversed scan begins at this instant, too."""
-        begin, r = self.end - scan.t0, scan.returns
-        return Scan(begin, begin + scan.t1 - scan.t0, replace(r, times=np.full(len(r), begin)))
 
 
 def are_instants(scans: Sequence[Scan]) -> bool:

@@ -27,10 +27,6 @@ class NotGreyError(ValueError):
     """Raised for an image that is not 8-bit grey."""
 
 
-class TooLargeError(ValueError):
-    """Raised for an image with more pixels than any polar scan has."""
-
-
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """Reads the pixels (rows, columns) of an 8-bit grey PNG.
 
@@ -52,8 +48,7 @@ def decode_grey(source: Path | bytes, formats: tuple[str, ...]) -> NDArray[np.ui
 
     Raises:
         NotGreyError: the image is not 8-bit grey.
-        TooLargeError: the image is too large for a polar scan.
-        ValueError: the image is missing, in none of the formats or damaged.
+        ValueError: the image is missing, in none of the formats, damaged, or too large for a polar scan.
     """
     from PIL import Image
 
@@ -61,27 +56,25 @@ def decode_grey(source: Path | bytes, formats: tuple[str, ...]) -> NDArray[np.ui
         size = len(source) if isinstance(source, bytes) else untrusted.check_file(source).stat().st_size
         with Image.open(io.BytesIO(source) if isinstance(source, bytes) else source, formats=formats) as image:
             width, height = image.size
-            check_size(height, width)
-            if image.mode == "L":
+            too_large, mode = describe_excess(height, width), image.mode
+            if mode == "L" and not too_large:
                 if width * height > _MOST_EXPANSION * size:
                     raise ValueError("image file is truncated")
                 return np.asarray(image)
-            problem = f"is not an 8-bit grey image (mode {image.mode})"
-    except TooLargeError:
-        raise
     except (*_DAMAGE, Image.DecompressionBombError) as error:
         raise ValueError(f"is not a readable {' or '.join(formats)} ({error})") from error
-    raise NotGreyError(problem)
+    if too_large:
+        raise ValueError(too_large)
+    raise NotGreyError(f"is not an 8-bit grey image (mode {mode})")
 
 
-def check_size(height: int, width: int) -> None:
-    """Checks that an image (height, width) can be a polar scan.
+def describe_excess(height: int, width: int) -> str:
+    """Describes an image (height, width) that is too large for a polar scan; returns "" for any other size.
 
-    Raises:
-        TooLargeError: the image has over 16 million pixels, or a side of over 65,535 pixels.
+    It is too large if it has over 16 million pixels, or a side of over 65,535 pixels.
     """
-    if height * width > _MOST_PIXELS or max(height, width) > _LONGEST_SIDE:
-        raise TooLargeError(f"is too large for one polar scan ({width} x {height} pixels)")
+    is_too_large = height * width > _MOST_PIXELS or max(height, width) > _LONGEST_SIDE
+    return f"is too large for one polar scan ({width} x {height} pixels)" if is_too_large else ""
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:

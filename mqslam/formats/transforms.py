@@ -66,7 +66,7 @@ class Mounts:
         """Returns whether `add` takes the messages of a topic: transforms on /tf_static or /tf, in any namespace."""
         return holds_transforms(connection) and connection.topic.rsplit("/", 1)[-1] in (_STATIC, _MOVING)
 
-    def add(self, message: Any, topic: str = "/tf_static") -> None:
+    def add(self, message: Any, topic: str) -> None:
         """Adds the transforms of a `tf2_msgs/TFMessage` on a topic.
 
         A transform on /tf_static replaces what is known of its frame. A transform on /tf is used only for a frame of which

@@ -29,7 +29,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, Remedy
 from mqslam.formats import bags
 from mqslam.formats.bags import B_SCAN_TYPE, COMPRESSED_TYPE, FFT_NAMES, IMAGE_TYPE, RADAR_FRAME, Bag
-from mqslam.formats.images import CONVERT_IMAGES, NotGreyError, TooLargeError, check_size, decode_grey
+from mqslam.formats.images import CONVERT_IMAGES, NotGreyError, decode_grey, describe_excess
 from mqslam.formats.recordings.azimuths import (
     METADATA_BYTES,
     TURN_TICKS,
@@ -205,7 +205,8 @@ def choose_topic(
         if len(alike) > 1:
             raise DataError(path, f"has several topics that could be radar ({', '.join(alike[:12])})", Remedy.NAME_TOPIC)
         notes = [f"radar from {chosen.topic}"]
-        if others := sorted({c.topic for _, c in ranked if not _is_twin(c.topic, chosen.topic)}):
+        name = chosen.topic.removesuffix("/compressed")  # a compressed copy has the same name with this ending
+        if others := sorted({c.topic for _, c in ranked if c.topic.removesuffix("/compressed") != name}):
             notes.append(f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if so")
     else:
         chosen = _choose_by_shape(path, reader, images)
@@ -261,11 +262,6 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
     return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
 
 
-def _is_twin(topic: str, other: str) -> bool:
-    """Returns whether two topics have the same name, apart from the ending `/compressed` of compressed copies."""
-    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
-
-
 def _find_other_depth(message: Any) -> str:
     """Describes why a grey image that does not have 8 bits is refused; returns "" for all other messages."""
     try:
@@ -299,7 +295,8 @@ def _read_pixels(image: Any) -> NDArray[np.uint8]:
         raise NotGreyError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
     data = np.asarray(image.data, dtype=np.uint8)
-    check_size(height, width)
+    if too_large := describe_excess(height, width):
+        raise ValueError(too_large)
     if height < 1 or width < 1 or step < width or data.size != height * step:
         raise ValueError(f"holds an image of {data.size} bytes, which are not {height} rows of {width} pixels")
     return data.reshape(height, step)[:, :width]
@@ -371,11 +368,8 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
     before, last = gathered[-2][1], gathered[-1][1]
     if last < before and last <= following[1] < before:
         return len(gathered) - 1
-    try:
-        check_size(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
-    except TooLargeError:
-        return len(gathered)
-    return None
+    too_large = describe_excess(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
+    return len(gathered) if too_large else None
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
