@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.core.recording import Recording
+import numpy as np
+
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_new_file, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
-from mqslam.formats.recordings.derived import WatchedRecording, watch
+from mqslam.formats.recordings.derived import WatchedRecording, copy_fields
 from mqslam.formats.recordings.layout import Message, Target
 
 _FOLDER = "oxford"  # the layout of a folder if the user names no layout
@@ -90,15 +93,23 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
         OutputError: the result cannot be written.
     """
     odometry, truth = _drop_single(recording.odometry), _drop_single(recording.ground_truth)
-    source = watch(replace(recording, odometry=odometry, ground_truth=truth), progress)
+    read = Counter[str]()
+
+    def watch(polar_scan: PolarScan) -> None:
+        read["scans"] += 1
+        read["unmeasured"] += int(np.count_nonzero(~polar_scan.valid))
+        read["down"] += 0 if polar_scan.down is None else len(polar_scan.down.times)
+        progress(read["scans"], len(recording))
+
+    given = replace(recording, odometry=odometry, ground_truth=truth)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
-    notes = target.write(out, source)
-    for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
-        notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
-    return [*notes, *_list_losses(source, target)]
+    notes = target.write(out, WatchedRecording(inner=given, watch=watch, **copy_fields(given)))
+    for name, track, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
+        notes += [f"{name} is left behind: one pose is no trajectory"] if track is not kept else []
+    return [*notes, *_list_losses(given, target, read)]
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:
@@ -106,14 +117,15 @@ def _drop_single(track: Trajectory | None) -> Trajectory | None:
     return track if track is None or len(track) > 1 else None
 
 
-def _list_losses(recording: WatchedRecording, target: Target) -> list[str]:
+def _list_losses(recording: Recording, target: Target, read: Counter[str]) -> list[str]:
     """Returns notes on the parts of a recording that a layout does not hold, and on how to read the result.
 
     Args:
-        recording: the recording, all of whose polar scans have been read.
+        recording: the recording.
         target: the layout.
+        read: numbers of all `unmeasured` azimuths and of all `down`-chirps in scans that also have up-chirps.
     """
-    notes = [_DOWN_LEFT] if recording.down[0] and not target.chirps else []
+    notes = [_DOWN_LEFT] if read["down"] and not target.chirps else []
     if recording.odometry is not None and not target.odometry:
         notes.append(f"odometry {_LEFT}")
     if recording.ground_truth is not None and not target.truth:
@@ -124,9 +136,9 @@ def _list_losses(recording: WatchedRecording, target: Target) -> list[str]:
     for name, sensor in carried:
         if sensor is not None and not target.sensors:
             notes.append(f"{name} {_LEFT}")
-    unmarked = recording.unmeasured[0]
-    if unmarked and not target.validity:
-        notes.append(f"the layout cannot mark {count_of(unmarked, 'azimuth')} as not measured, so this mark is lost")
+    if read["unmeasured"] and not target.validity:
+        unmarked = count_of(read["unmeasured"], "azimuth")
+        notes.append(f"the layout cannot mark {unmarked} as not measured, so this mark is lost")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
         remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"

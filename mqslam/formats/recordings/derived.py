@@ -1,4 +1,4 @@
-"""Recordings derived from another recording: a stretch of time, a mirror image, or a copy that reports progress."""
+"""Recordings derived from another recording: a stretch of time, a mirror image, or a copy that shows what is read."""
 
 from __future__ import annotations
 
@@ -128,30 +128,16 @@ def _is_clockwise(recording: Recording) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchedRecording(Recording):
-    """A recording that wraps another recording and reports how many of its polar scans have been read.
+class WatchedRecording(DerivedRecording):
+    """A recording that shows each of its polar scans as it is read.
 
     Args:
-        inner: the wrapped recording.
-        progress: called after polar scan k is read, with k + 1 and the count of all polar scans.
-        unmeasured: list of one count, which reading changes: azimuths read so far that are marked as not measured.
-        down: list of one count, which reading changes: down-chirps read so far, in scans that also have up-chirps.
+        watch: called with each polar scan.
     """
 
-    inner: Recording
-    progress: Callable[[int, int], object]
-    unmeasured: list[int]
-    down: list[int]
+    watch: Callable[[PolarScan], object]
 
-    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, and reports each."""
-        for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
-            self.unmeasured[0] += int(np.count_nonzero(~polar_scan.valid))
-            self.down[0] += 0 if polar_scan.down is None else len(polar_scan.down.times)
-            self.progress(k, len(self))
-            yield polar_scan
-
-
-def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
-    """Wraps a recording so that it calls `progress(k + 1, count of all polar scans)` after polar scan k is read."""
-    return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], down=[0], **copy_fields(recording))
+    def _change(self, polar_scan: PolarScan) -> PolarScan:
+        """Shows a polar scan of the inner recording, which stays as it is."""
+        self.watch(polar_scan)
+        return polar_scan
