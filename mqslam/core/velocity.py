@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,14 +63,12 @@ class Velocities:
         velocities: (N, 2) forward and left [m/s]; NaN where the scan measured no velocity.
         covariances: (N, 2, 2) covariances of these velocities [m^2/s^2]; NaN where the scan measured no velocity.
         outcomes: (N,) int64, the `Outcome` of each scan.
-        doppler_beta: range shift per closing speed [s] of the chirps that go up, with which the velocities were computed.
     """
 
     times: Array
     velocities: Array
     covariances: Array
     outcomes: NDArray[np.int64]
-    doppler_beta: float
 
     def __len__(self) -> int:
         return len(self.times)
@@ -125,14 +122,12 @@ class Velocities:
         """
         velocity = np.full(2, np.nan) if velocity is None else velocity
         covariance = np.full((2, 2), np.nan) if covariance is None else covariance
-        return cls(np.array([time]), velocity[None], covariance[None], np.array([outcome], dtype=np.int64), CHIRP_BETA)
+        return cls(np.array([time]), velocity[None], covariance[None], np.array([outcome], dtype=np.int64))
 
     @classmethod
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
-        """Joins the velocities of one or more successive parts of a recording, which must have the same `doppler_beta`."""
-        names = ("times", "velocities", "covariances", "outcomes")
-        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return cls(**joined, doppler_beta=parts[0].doppler_beta)
+        """Joins the velocities of one or more successive parts of a recording."""
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
 
 def make_twists(

@@ -63,8 +63,7 @@ def _unpack_detected(arrays: Arrays) -> Detected:
     errors = (DataError(*words) for words in arrays["why"].tolist())
     unread = dict(zip(arrays["unread"].tolist(), errors, strict=True))
     own = {field: arrays[name] for field, name in _VELOCITIES.items()}
-    beta = own.pop("doppler_beta")  # an array without dimensions, or an empty array where there are no velocities
-    velocities = Velocities(**own, doppler_beta=float(beta)) if beta.size else None
+    velocities = Velocities(**own) if own["times"].size else None
     return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()), velocities=velocities)
 
 

@@ -17,7 +17,7 @@ def some() -> Velocities:
     velocities = np.array([[1.0, 0.0], [2.0, 0.1], [NAN, NAN], [4.0, -0.1], [5.0, 0.0]])
     covariances = np.array([np.diag([0.01, 0.04]) * (1.0 + k) for k in range(5)])
     covariances[2] = NAN
-    return Velocities(0.125 + 0.25 * np.arange(5), velocities, covariances, outcomes, 0.05)
+    return Velocities(0.125 + 0.25 * np.arange(5), velocities, covariances, outcomes)
 
 
 def test_a_scan_is_told_as_it_was_measured() -> None:
@@ -36,7 +36,7 @@ def test_between_measured_scans_velocities_change_evenly() -> None:
 def test_before_the_first_and_after_the_last_scan_nothing_is_made_up() -> None:
     velocities, covariances = some().at(np.array([0.0, 2.0]))
     assert np.isnan(velocities).all() and np.isnan(covariances).all()
-    none = Velocities(np.zeros(1), np.full((1, 2), NAN), np.full((1, 2, 2), NAN), np.array([Outcome.DARK], np.int64), 0.05)
+    none = Velocities(np.zeros(1), np.full((1, 2), NAN), np.full((1, 2, 2), NAN), np.array([Outcome.DARK], np.int64))
     assert np.isnan(none.at(np.zeros(3))[0]).all()
 
 
@@ -48,7 +48,7 @@ def test_reasons_are_counted() -> None:
 
 
 def test_recordings_whose_chirps_all_go_the_same_way_are_told_apart() -> None:
-    one = Velocities(np.zeros(2), np.full((2, 2), NAN), np.full((2, 2, 2), NAN), np.array([1, 2], np.int64), 0.05)
+    one = Velocities(np.zeros(2), np.full((2, 2), NAN), np.full((2, 2, 2), NAN), np.array([1, 2], np.int64))
     assert some().alternating and not one.alternating
 
 
@@ -56,7 +56,7 @@ def test_twists_of_scans_lead_along_the_arc_that_was_driven() -> None:
     twist = np.array([8.0, 0.2, 0.5])
     times = 0.125 + 0.25 * np.arange(8)
     measured = np.zeros(8, dtype=np.int64)
-    velocities = Velocities(times, np.tile(twist[:2], (8, 1)), np.tile(0.01 * np.eye(2), (8, 1, 1)), measured, 0.05)
+    velocities = Velocities(times, np.tile(twist[:2], (8, 1)), np.tile(0.01 * np.eye(2), (8, 1, 1)), measured)
     spans = np.column_stack([times - 0.125, times + 0.125])
     twists, covariances = make_twists(velocities, spans, np.full(8, twist[2]), np.full(8, 1e-4))
     reached = se2.integrate_steps(se2.exp(twists, np.full(8, 0.25)))[-1]

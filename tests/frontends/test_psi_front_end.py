@@ -126,7 +126,7 @@ def test_what_chirps_tell_carries_the_motion_that_a_corridor_does_not_show() -> 
         recording.revolution_s,
         recording.start_us,
         None,
-        velocities=Velocities(times, told, spread, outcomes, 0.05),
+        velocities=Velocities(times, told, spread, outcomes),
     )
     motions = list(PsiFrontEnd(context).measure(scans))
     assert {m.status for m in motions} == {Status.DEGENERATE}  # what is told is held, and never taken for a measurement

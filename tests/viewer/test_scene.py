@@ -31,7 +31,11 @@ def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("map.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "is damaged or of another kind"),
+        (
+            "map.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n",
+            "is damaged or of another kind",
+        ),
         ("map.ply", "no map", "is damaged or of another kind"),
         ("graph.g2o", "EDGE_SE2 0 one", "is damaged or of another kind"),
         ("graph.g2o", "EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1", "does not fit the 5 poses"),

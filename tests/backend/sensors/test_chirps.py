@@ -46,7 +46,7 @@ def velocities(chirps: Chirps, scans: int = SCANS) -> Velocities:
     told += chirps.wild * rng.normal(0.0, 1.0, (scans, 2))
     spread = np.tile(SIGMA_MPS**2 * np.eye(2), (scans, 1, 1))
     times = TURN_S * (np.arange(scans) + 0.5)
-    return Velocities(times, told, spread, np.full(scans, Outcome.MEASURED, dtype=np.int64), 0.05)
+    return Velocities(times, told, spread, np.full(scans, Outcome.MEASURED, dtype=np.int64))
 
 
 def joined(chirps: Chirps) -> VelocityUse:
