@@ -34,7 +34,12 @@ class SmallGicpFrontEnd(MatchingFrontEnd):
     """
 
     def __init__(self, context: Context) -> None:
-        settings, registration = Matching.of(context, STRONGEST, VOXEL_M), _SmallGicpRegistration(_import_small_gicp())
+        try:
+            import small_gicp
+        except ModuleNotFoundError as error:
+            missing, remedy = describe_missing("small_gicp")
+            raise ConfigError(f"front end small_gicp: {missing}", remedy) from error
+        settings, registration = Matching.of(context, STRONGEST, VOXEL_M), _SmallGicpRegistration(small_gicp)
         super().__init__(context, settings.strongest, lambda: KeyframeMatcher(registration, settings))
 
 
@@ -68,17 +73,3 @@ class _SmallGicpRegistration:
         tree = self._small_gicp.KdTree(cloud)
         self._small_gicp.estimate_covariances(cloud, tree, _NEIGHBOURS)
         return (cloud, tree), planar
-
-
-def _import_small_gicp() -> Any:
-    """Imports small_gicp, and returns its module.
-
-    Raises:
-        ConfigError: small_gicp cannot be imported.
-    """
-    try:
-        import small_gicp
-    except ModuleNotFoundError as error:
-        missing, remedy = describe_missing("small_gicp")
-        raise ConfigError(f"front end small_gicp: {missing}", remedy) from error
-    return small_gicp

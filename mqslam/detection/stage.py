@@ -13,6 +13,7 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore
 from mqslam.core.velocity import Detected, Outcome, Velocities
+from mqslam.core.wording import count_of, is_or_are
 from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.detection.velocity_fit import measure_velocity
@@ -224,10 +225,10 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
     """Returns a list of one warning about unread polar scans, given their errors by number; an empty list without errors."""
     if not unread:
         return []
-    several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
+    several = f"{count_of(len(unread), 'polar scan')} could not be read and {is_or_are(len(unread))} left out"
     named = [f"{error.path}: {error.problem}" for error in list(unread.values())[:_LISTED]]
     others = [f"and {len(unread) - _LISTED} more"] if len(unread) > _LISTED else []
-    return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
+    return [f"{several}: {', '.join(named + others)}"]
 
 
 def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:

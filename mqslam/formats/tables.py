@@ -99,7 +99,7 @@ class Header:
                 continue
             bracketed = _BRACKETED.fullmatch(rest)
             words = [word for word in re.split(r"[\s_]+", bracketed[1] if bracketed else rest) if word and word != "per"]
-            unit = "/".join(words).replace("//", "/").replace("///", "/")
+            unit = re.sub("/+", "/", "/".join(words))
             if unit in units and (bracketed or rest[0] in " _"):
                 return column, units[unit]
             if bracketed:

@@ -130,8 +130,8 @@ def read_odometry(path: Path) -> Trajectory:
         remedy = "name its unit in the header, such as t [s] for seconds"
         raise DataError(path, "its column of stamps holds fractions, but is taken for microseconds", remedy)
     twists = np.column_stack([table[:, 0], table[:, 2] if len(wanted) > 2 else np.zeros(len(table)), table[:, 1]])
-    steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
-    return make_trajectory(path, stamps, se2.integrate_steps(steps)[: len(stamps)])
+    poses = se2.integrate_steps(se2.exp(twists[:-1], np.diff(stamps) * 1e-6))[: len(stamps)]
+    return make_trajectory(path, stamps, poses)
 
 
 def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
@@ -323,8 +323,6 @@ def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
 
 def _read_array(path: Path, times: Path | None) -> Trajectory:
     """Reads an `.npy` of pose matrices (N, 4, 4) or (N, 3, 4), with their stamps from a separate file."""
-    if times is None:
-        _read_times(path, times, 0)
     try:
         matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file holds
     except FileNotFoundError as error:

@@ -116,6 +116,7 @@ def test_clouds_join_seconds_and_nanoseconds(tmp_path: Path) -> None:
     [
         ("t,v [km/h],omega [deg/s]", "{t},36,{degrees}"),
         ("time [ns],v_mps,omega_rad_s", "{l},10,{radians}"),
+        ("t,v [m / s],omega [rad / s]", "{t},10,{radians}"),
         ("sec,nsec,v,omega (dps)", "{s},{n},10,{degrees}"),
         ("\ufefft,v,omega", "{t},10,{radians}"),
     ],
