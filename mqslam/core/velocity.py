@@ -9,7 +9,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core import se2
 from mqslam.core.scans import PeakCounts, Returns
 from mqslam.errors import DataError
 
@@ -128,30 +127,6 @@ class Velocities:
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
         """Joins the velocities of one or more successive parts of a recording."""
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
-
-
-def make_twists(
-    velocities: Velocities, spans: Array, yaw_rates: Array, yaw_variances: Array
-) -> tuple[se2.Array, NDArray[np.float64]]:
-    """Makes the sensor's mean twist over time spans, such as those of scans, from its velocities and yaw rates.
-
-    The velocity at the midpoint of a span is used as the span's mean, which is exact under constant acceleration.
-
-    Args:
-        velocities: velocities of the sensor.
-        spans: (M, 2) begin and end [s] since the recording's start.
-        yaw_rates: (M,) mean yaw rate of the sensor over each span [rad/s], from any source.
-        yaw_variances: (M,) variances of these yaw rates [rad^2/s^2].
-
-    Returns:
-        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3) in the same units. The
-        velocity and its covariance are NaN before the first and after the last scan that measured a velocity.
-    """
-    middle, spread = velocities.at(spans.mean(axis=1))
-    covariances = np.zeros((len(spans), 3, 3))
-    covariances[:, :2, :2] = spread
-    covariances[:, 2, 2] = yaw_variances
-    return np.column_stack([middle, yaw_rates]), covariances
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ from mqslam.backend.sensors.odometry import spread_common
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.statistics import MEDIAN_OF_CHI2
-from mqslam.core.velocity import Velocities, make_twists
+from mqslam.core.velocity import Velocities
 from mqslam.factors.between import psi_between
 
 # Shortest stretch [s] of motions in which the error of the calibration counts as one common error.
@@ -128,12 +128,14 @@ def _predict(
     """
     spans = np.array([(motion.t0, motion.t1) for motion in motions])
     lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
-    twists, spread = make_twists(velocities, spans, turns / lasts, np.zeros(len(motions)))
-    poses = se2.exp(twists, lasts)
+    # the velocity in the middle of a motion is its mean velocity under constant acceleration
+    velocity, spread = velocities.at(spans.mean(axis=1))
+    poses = se2.exp(np.column_stack([velocity, turns / lasts]), lasts)
     jacobians, columns = np.zeros((len(motions), 3, 3)), np.tile(np.arange(3), (len(motions), 1))
     jacobians[:, :2, 0] = np.nan_to_num(poses[:, :2])
     jacobians[:, 0, 1] = jacobians[:, 1, 2] = lasts
-    variances = np.nan_to_num(np.einsum("kii->ki", spread)) * lasts[:, None] ** 2 + _LEAST
+    squares = np.column_stack([np.einsum("kii->ki", spread), np.zeros(len(motions))])
+    variances = np.nan_to_num(squares) * lasts[:, None] ** 2 + _LEAST
     return poses, lasts, Design(jacobians, columns, np.empty(0)), variances
 
 
