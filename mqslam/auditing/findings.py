@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
-from mqslam.auditing.spans.pooled import Delay, Lever, Pooled
+from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.robust import Estimate
 from mqslam.auditing.spans.sums import LENGTHS_M, SumAudit, find_bends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
@@ -238,12 +239,13 @@ def judge_pooled(
             "contradicts it, and wrong extrinsics or late stamps tear windows without being named"
         )
         return Finding(VerdictStatus.PASS, reason, judged=False)
-    biases = find_biases(pooled, limits)
-    described = [_DESCRIBE_BIAS[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
+    bias = find_bias(pooled, limits)
+    biases = np.flatnonzero(bias).tolist()
+    described = [_DESCRIBE_BIAS[axis](float(pooled.bias.value[axis]), float(pooled.bias.sigma[axis])) for axis in biases]
     lever = find_lever(pooled, limits)
     delay = find_delay(pooled, limits)
     of_lever = np.empty(0) if pooled.lever is None else pooled.lever.p_value
-    p_value = find_smallest(correct_for_places(np.concatenate([pooled.p_value, [pooled.delay.p_value], of_lever])))
+    p_value = find_smallest(correct_for_places(np.concatenate([pooled.bias.p_value, pooled.delay.p_value, of_lever])))
     reasons = [f"all along the drive {' and '.join(described)}"] if described else []
     if lever is not None:
         reasons.append(_describe_lever(lever))
@@ -257,49 +259,43 @@ def judge_pooled(
         cause = Cause.DRIFT
     mends_mount = mends_stamps = ""
     if (_SIDE in biases or lever is not None) and extrinsics is not None:
-        turned = float(-find_bias(pooled, limits)[_SIDE])
+        turned = float(-bias[_SIDE])
         mends_mount = f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
     if delay is not None and time_offset_s is not None:
-        mends_stamps = f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:z.3f}"
+        mends_stamps = f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.value[0]:z.3f}"
     explanation = f"{reasons[-1]}{mends_stamps}" if delay is not None else f"{' and '.join(reasons)}{mends_mount}"
     reason = f"{', and '.join(reasons)}{mends_mount}{mends_stamps}"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=cause, explanation=explanation)
 
 
-def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
+def _are_proven(estimate: Estimate, tolerated: float | tuple[float, ...], limits: VerdictConfig) -> NDArray[np.bool_]:
+    """Returns which parameters (Q,) of an estimate are neither tolerated nor explained by chance."""
+    return (np.abs(estimate.value) > tolerated) & (estimate.p_value < share_of_false_alarms(limits))
+
+
+def find_lever(pooled: Pooled, limits: VerdictConfig) -> Estimate | None:
     """Returns the lever arm of the sensor; None if it is unknown, or on both axes tolerated or explained by chance."""
     lever = pooled.lever
-    if lever is None:
-        return None
-    found = (np.abs(lever.arm) > LEVER_WARN) & (lever.p_value < share_of_false_alarms(limits))
-    return lever if found.any() else None
+    return lever if lever is not None and _are_proven(lever, LEVER_WARN, limits).any() else None
 
 
-def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
+def find_delay(pooled: Pooled, limits: VerdictConfig) -> Estimate | None:
     """Returns the delay of the trajectory's stamps that a map shows; None if it is tolerated or explained by chance."""
-    delay = pooled.delay
-    found = abs(delay.seconds) > DELAY_WARN_S and delay.p_value < share_of_false_alarms(limits)
-    return delay if found else None
+    return pooled.delay if _are_proven(pooled.delay, DELAY_WARN_S, limits).any() else None
 
 
-def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> str:
+def _name_extrinsics(given: se2.Array, turned: float, lever: Estimate | None) -> str:
     """Returns given extrinsics (3,) [m, m, rad], corrected by a turn [rad] and a lever arm, as text: x, y [m], yaw [deg]."""
     if lever is None:
         return f"{given[0]:zg},{given[1]:zg},{np.degrees(given[2] + turned):z.2f}"
-    x, y, yaw = se2.compose(given, [*lever.arm, turned])
+    x, y, yaw = se2.compose(given, [*lever.value, turned])
     return f"{x:z.2f},{y:z.2f},{np.degrees(yaw):z.2f}"
 
 
-def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
-    """Returns the axes (0 forward, 1 left, 2 yaw) along which `pooled.bias` is neither tolerated nor explained by chance."""
-    largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
-    found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
-    return np.flatnonzero(found).tolist()
-
-
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns the bias (3,) of a trajectory as in `Pooled`, with 0 along the axes that `find_biases` does not name."""
-    return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
+    """Returns the bias (3,) of a trajectory as in `Pooled`, with 0 where it is tolerated or explained by chance."""
+    proven = _are_proven(pooled.bias, (SCALE_WARN, SCALE_WARN, TURN_WARN), limits)
+    return np.where(proven, pooled.bias.value, 0.0)
 
 
 def _describe_scale(bias: float, sigma: float) -> str:
@@ -319,22 +315,20 @@ def _describe_turn(bias: float, sigma: float) -> str:
     return f"the yaw drifts by {turn} to the {left_or_right(-bias)} per 100 m"
 
 
-def _describe_lever(lever: Lever) -> str:
-    ahead, left = lever.arm
+def _describe_lever(lever: Estimate) -> str:
+    ahead, left = lever.value
     parts = [(abs(ahead), "ahead" if ahead > 0.0 else "behind"), (abs(left), f"to the {left_or_right(left)}")]
     places = " and ".join(f"{size:.2f} m {side}" for size, side in parts if size > 0.1 * np.hypot(ahead, left))
     sigma = f"(± {np.max(lever.sigma):.2f})"
     return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
 
 
-def _describe_delay(delay: Delay, *, is_of_run: bool) -> str:
+def _describe_delay(delay: Estimate, *, is_of_run: bool) -> str:
+    late_s = float(delay.value[0])
+    size = f"{abs(late_s):.3f} s (± {delay.sigma[0]:.3f})"
     if is_of_run:
-        behind = "behind" if delay.seconds > 0.0 else "ahead of"
-        return (
-            f"the motions of the front end are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {behind} the scans' motions"
-        )
-    late = "late" if delay.seconds > 0.0 else "early"
-    return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
+        return f"the motions of the front end are {size} {'behind' if late_s > 0.0 else 'ahead of'} the scans' motions"
+    return f"the stamps of the trajectory are {size} {'late' if late_s > 0.0 else 'early'}"
 
 
 _DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  # for the axes forward, left and yaw

@@ -22,6 +22,7 @@ from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.robust import Estimate
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import SCALE_WARN, apply_tolerance, share_of_false_alarms
@@ -377,16 +378,15 @@ def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
-    values |= _name_axes(("forward_per_m", "left_per_m", "yaw_per_m"), pooled.bias, pooled.sigma, pooled.p_value)
-    values |= {"late_s": pooled.delay.seconds, "late_s_sigma": pooled.delay.sigma, "late_s_p_value": pooled.delay.p_value}
+    values |= _name_axes(("forward_per_m", "left_per_m", "yaw_per_m"), pooled.bias) | _name_axes(("late_s",), pooled.delay)
     if pooled.lever is not None:
-        values["turns"] = pooled.lever.turns
-        values |= _name_axes(("ahead_m", "left_m"), pooled.lever.arm, pooled.lever.sigma, pooled.lever.p_value)
+        values["turns"] = pooled.turns
+        values |= _name_axes(("ahead_m", "left_m"), pooled.lever)
     return values
 
 
-def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
-    """Returns by name the values, standard deviations and p-values, each (N,), that are given for N axes.
+def _name_axes(names: Sequence[str], estimate: Estimate) -> dict[str, float]:
+    """Returns by name the values, standard deviations and p-values of an estimate for N axes.
 
     The axis `left_m` has the three names `left_m`, `left_m_sigma` and `left_m_p_value`.
     """
@@ -394,7 +394,7 @@ def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, f
     return {
         f"{name}{ending}": float(part[axis])
         for axis, name in enumerate(names)
-        for ending, part in zip(endings, parts, strict=True)
+        for ending, part in zip(endings, estimate, strict=True)
     }
 
 

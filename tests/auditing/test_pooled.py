@@ -17,7 +17,8 @@ from mqslam.auditing.registration import Registration
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sources import make_lidar_source, place_source
 from mqslam.auditing.spans.measured import SPAN_M, find_spans, register_spans
-from mqslam.auditing.spans.pooled import _LEVER_TURNS, Delay, Pooled, measure_twists, pool
+from mqslam.auditing.spans.pooled import _LEVER_TURNS, Pooled, measure_twists, pool
+from mqslam.auditing.spans.robust import Estimate
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
@@ -32,7 +33,7 @@ from mqslam.psi.place import beam_of
 
 CONFIG = Config()
 STEADY = np.zeros((16, 3))  # the twist of every sweep
-PUNCTUAL = Delay(0.0, 1e-3, 1.0)
+PUNCTUAL = Estimate(np.zeros(1), np.full(1, 1e-3), np.ones(1))
 
 
 @lru_cache
@@ -73,7 +74,7 @@ def test_the_truth_asks_for_nothing() -> None:
 @pytest.mark.parametrize("scale", [0.99, 0.997, 1.003, 1.01])
 def test_a_wrong_scale_is_measured_and_told(scale: float) -> None:
     found = pooled(scale=scale)
-    assert found.bias[0] == pytest.approx(1.0 / scale - 1.0, abs=0.001)
+    assert found.bias.value[0] == pytest.approx(1.0 / scale - 1.0, abs=0.001)
     finding = judge_pooled(found, CONFIG.verdict)
     assert finding.status is VerdictStatus.WARN
     assert f"too {'long' if scale > 1.0 else 'short'} for the sensor's ranges" in finding.reason
@@ -82,7 +83,7 @@ def test_a_wrong_scale_is_measured_and_told(scale: float) -> None:
 @pytest.mark.parametrize("degrees", [-0.5, 0.5])
 def test_a_yaw_that_drifts_is_measured_and_told(degrees: float) -> None:
     found = pooled(turn=np.radians(degrees) / 100.0)
-    assert 100.0 * np.degrees(found.bias[2]) == pytest.approx(-degrees, abs=0.15)
+    assert 100.0 * np.degrees(found.bias.value[2]) == pytest.approx(-degrees, abs=0.15)
     finding = judge_pooled(found, CONFIG.verdict)
     assert finding.status is VerdictStatus.WARN
     assert "degrees (± " in finding.reason and f"to the {'left' if degrees > 0.0 else 'right'} per 100 m" in finding.reason
@@ -91,7 +92,7 @@ def test_a_yaw_that_drifts_is_measured_and_told(degrees: float) -> None:
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])
 def test_a_turned_mount_is_measured_and_told(degrees: float) -> None:
     found = pooled(mount=np.radians(degrees))
-    assert np.degrees(found.bias[1]) == pytest.approx(degrees, abs=0.1)
+    assert np.degrees(found.bias.value[1]) == pytest.approx(degrees, abs=0.1)
     assert judge_pooled(found, CONFIG.verdict).reason.endswith("the sensor's mount is turned by this angle")
 
 
@@ -105,7 +106,9 @@ def test_the_extrinsics_that_are_named_mend_a_turned_mount(degrees: float) -> No
 
 
 def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
-    asked = Pooled(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0]), 40, PUNCTUAL)
+    asked = Pooled(
+        Estimate(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0])), 40, PUNCTUAL
+    )
     reason = judge_pooled(asked, CONFIG.verdict, np.array([1.5, -0.25, np.radians(90.0)])).reason
     assert reason.endswith("the sensor's mount is turned by this angle; give extrinsics 1.5,-0.25,89.00")
 
@@ -113,8 +116,8 @@ def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
 @pytest.mark.parametrize("arm", [(0.0, 0.2), (-0.3, 0.0), (1.2, -0.4)])
 def test_where_the_sensor_sits_is_measured_and_the_extrinsics_that_are_named_mend_it(arm: tuple[float, float]) -> None:
     found = pooled(base=(*arm, 0.0))
-    assert found.lever is not None and found.lever.turns >= _LEVER_TURNS
-    np.testing.assert_allclose(found.lever.arm, arm, atol=0.03)
+    assert found.lever is not None and found.turns >= _LEVER_TURNS
+    np.testing.assert_allclose(found.lever.value, arm, atol=0.03)
     finding = judge_pooled(found, CONFIG.verdict, np.zeros(3))
     assert finding.status is VerdictStatus.WARN and "in turns the sensor moves as if it sat " in finding.reason
     x, y, yaw = (float(number) for number in finding.reason.split("; give extrinsics ")[1].split(","))
@@ -142,20 +145,20 @@ def test_a_lever_arm_is_found_as_rarely_as_promised_where_there_is_none() -> Non
     for _ in range(100):
         offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
         found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], STEADY)
-        assert found is not None and found.lever is not None and found.lever.turns == 5
+        assert found is not None and found.lever is not None and found.turns == 5
         chances.append(found.lever.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
 
 
 def test_where_only_the_scale_is_off_no_extrinsics_are_named() -> None:
-    asked = Pooled(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0]), 40, PUNCTUAL)
+    asked = Pooled(Estimate(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0])), 40, PUNCTUAL)
     assert "extrinsics" not in judge_pooled(asked, CONFIG.verdict, np.zeros(3)).reason
 
 
 @pytest.mark.parametrize("late", [-0.05, 0.02, 0.05, 0.1])
 def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
     found = pooled(late=late)
-    assert found.delay.seconds == pytest.approx(late, rel=0.2, abs=0.003)
+    assert found.delay.value[0] == pytest.approx(late, rel=0.2, abs=0.003)
     reason = judge_pooled(found, CONFIG.verdict, np.zeros(3), 0.5).reason
     side = "late" if late > 0.0 else "early"
     said = re.search(
@@ -184,7 +187,7 @@ def test_a_clock_that_is_off_is_found_as_rarely_as_promised_where_it_is_right() 
         offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
         found = pool([replace(span(off), earlier=k % 16) for k, off in enumerate(offsets)], twists)
         assert found is not None
-        chances.append(found.delay.p_value)
+        chances.append(found.delay.p_value[0])
     assert np.mean(np.array(chances) < 0.05) < 0.1
 
 
@@ -199,7 +202,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
     spans[::9] = [span(np.array([2.0, -1.0, 0.1])) for _ in spans[::9]]
     found = pool(spans, STEADY)
     assert found is not None
-    assert found.bias[0] == pytest.approx(-0.003, abs=0.0004)
+    assert found.bias.value[0] == pytest.approx(-0.003, abs=0.0004)
     assert found.p_value[0] < 1e-4
 
 
@@ -208,7 +211,7 @@ def test_forward_is_where_the_trajectory_goes(heading: float) -> None:
     along = np.array([np.cos(heading), np.sin(heading), 0.0])
     found = pool([span(-0.3 * along, heading)] * 40, STEADY)
     assert found is not None
-    np.testing.assert_allclose(found.bias, [-0.01, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(found.bias.value, [-0.01, 0.0, 0.0], atol=1e-6)
 
 
 def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:

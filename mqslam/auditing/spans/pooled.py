@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.robust import HUBER, fit_by_jackknife, fit_effects, measure_spread, split_into_blocks
+from mqslam.auditing.spans.robust import HUBER, Estimate, fit_by_jackknife, fit_effects, measure_spread, split_into_blocks
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
 
@@ -37,57 +37,24 @@ _LEVER_TURN_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Delay:
-    """How late the stamps of a trajectory are.
-
-    Args:
-        seconds: the delay, negative if the stamps are early.
-        sigma: standard deviation of the delay [s].
-        p_value: probability of measuring a delay this large if there is none.
-    """
-
-    seconds: float
-    sigma: float
-    p_value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Lever:
-    """The lever arm of the sensor.
-
-    Args:
-        arm: (2,) distances of the sensor ahead of its place by the trajectory, and to the left of this place [m].
-        sigma: (2,) standard deviations of the arm [m].
-        p_value: (2,) probability of measuring an arm this long on each axis if there is none.
-        turns: number of turns of the vehicle that show the arm.
-    """
-
-    arm: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    p_value: NDArray[np.float64]
-    turns: int
-
-
-@dataclass(frozen=True, slots=True)
 class Pooled:
     """The errors of a whole trajectory that all spans of its map show together.
 
     Args:
         bias: (3,) motion per metre of path that is missing from the trajectory: forward [m/m], to the left [m/m] and in yaw,
             counter-clockwise [rad/m].
-        sigma: (3,) standard deviations of the bias.
-        p_value: (3,) probability of measuring a bias this large on each axis if there is none.
         spans: number of spans from which the errors were estimated.
-        delay: how late the stamps of the trajectory are.
-        lever: lever arm of the sensor; None if too few turns show it.
+        delay: (1,) how late the stamps of the trajectory are [s]; negative if they are early.
+        lever: (2,) lever arm: distances of the sensor ahead of its place by the trajectory, and to the left of this place
+            [m]; None if too few turns show it.
+        turns: number of turns of the vehicle that show the lever arm.
     """
 
-    bias: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    p_value: NDArray[np.float64]
+    bias: Estimate
     spans: int
-    delay: Delay
-    lever: Lever | None = None
+    delay: Estimate
+    lever: Estimate | None = None
+    turns: int = 0
 
 
 def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled | None:
@@ -102,25 +69,25 @@ def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled |
     offsets = np.array([span.offset for span in spans])
     turns = find_turns(spans)
     delay = estimate_delay(spans, offsets, twists, with_lever=bool(turns))
-    offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
+    offsets = offsets - delay.value * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])
     turn = _estimate(path, offsets[:, 2], _OWN_YAW * np.sqrt(np.sum(path)))
-    placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
+    placed = (offsets - turn.value * effects.of_turn(spans))[:, :2]
     lever = estimate_lever(spans, placed, turns)
     if lever is not None:
-        placed = placed - effects.of_lever(spans) @ lever.arm
+        placed = placed - effects.of_lever(spans) @ lever.value
     length = np.hypot(*effects.measure_moves(spans).T)
     forward, left = effects.resolve(spans, placed).T
-    bias, sigma, p_value = np.array([_estimate(length, forward), _estimate(length, left), turn]).T
-    return Pooled(bias, sigma, p_value, len(spans), delay, lever)
+    bias = Estimate(*np.hstack([_estimate(length, forward), _estimate(length, left), turn]))
+    return Pooled(bias, len(spans), delay, lever, len(turns))
 
 
 def predict_offsets(
     spans: Sequence[Registration],
     twists: NDArray[np.float64],
     bias: NDArray[np.float64],
-    lever: Lever | None,
-    delay: Delay | None,
+    lever: Estimate | None,
+    delay: Estimate | None,
 ) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans that follow from given errors of the whole trajectory.
 
@@ -134,14 +101,14 @@ def predict_offsets(
     offsets = bias[2] * effects.of_turn(spans)
     offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
     if lever is not None:
-        offsets[:, :2] += effects.of_lever(spans) @ lever.arm
+        offsets[:, :2] += effects.of_lever(spans) @ lever.value
     if delay is not None:
-        offsets += delay.seconds * effects.of_delay(spans, twists)
+        offsets += delay.value * effects.of_delay(spans, twists)
     return np.asarray(offsets)
 
 
-def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> tuple[float, float, float]:
-    """Returns the slope of offsets over lengths, the slope's standard deviation and its p-value.
+def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> Estimate:
+    """Returns the slope (1,) of offsets over lengths.
 
     The slope is robust against torn places. Its variance is the sum of the variance by a jackknife over parts of the drive
     and the variance of an error that all parts have in common.
@@ -151,9 +118,7 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common
         offsets: (N,) offsets of the spans along one axis [m] or in yaw [rad].
         common: standard deviation of the common error over the lengths of all spans together [m] or [rad].
     """
-    fitted = fit_by_jackknife(_fit, (lengths, offsets), split_into_blocks(len(lengths)), float(common / np.sum(lengths)))
-    slope, sigma, p_value = (float(values[0]) for values in fitted)
-    return slope, sigma, p_value
+    return fit_by_jackknife(_fit, (lengths, offsets), split_into_blocks(len(lengths)), float(common / np.sum(lengths)))
 
 
 def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -176,8 +141,8 @@ def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
 
 def estimate_lever(
     spans: Sequence[Registration], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]
-) -> Lever | None:
-    """Estimates the lever arm of the sensor from the vehicle's turns; returns None if `turns` is empty.
+) -> Estimate | None:
+    """Estimates the lever arm (2,) of the sensor [m] from the vehicle's turns; returns None if `turns` is empty.
 
     The arm is fitted together with the biases forward and to the left, which the straight spans show. The fit is robust
     against torn places, and the standard deviation comes from a jackknife over turns.
@@ -190,7 +155,7 @@ def estimate_lever(
     if not turns:
         return None
     design = np.concatenate([effects.of_lever(spans), effects.of_direction(spans)], axis=2)
-    return Lever(*fit_by_jackknife(lambda *given: fit_effects(*given)[:2], (design, offsets), turns), len(turns))
+    return fit_by_jackknife(lambda *given: fit_effects(*given)[:2], (design, offsets), turns)
 
 
 def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
@@ -206,8 +171,8 @@ def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
 
 def estimate_delay(
     spans: Sequence[Registration], offsets: NDArray[np.float64], twists: NDArray[np.float64], *, with_lever: bool
-) -> Delay:
-    """Estimates the delay of a trajectory's stamps from the offsets of spans.
+) -> Estimate:
+    """Estimates the delay (1,) [s] of a trajectory's stamps from the offsets of spans.
 
     The delay is fitted together with the biases and the lever arm, which also move all spans. The fit is robust against torn
     places, and the standard deviation comes from a jackknife over parts of the drive.
@@ -223,5 +188,4 @@ def estimate_delay(
     nothing = np.zeros((len(spans), 1, effects_of_place.shape[2]))
     columns = [effects.of_delay(spans, twists)[:, :, None], effects.of_turn(spans)[:, :, None]]
     design = np.concatenate([*columns, np.concatenate([effects_of_place, nothing], axis=1)], axis=2)
-    fitted = fit_by_jackknife(lambda *given: fit_effects(*given)[:1], (design, offsets), split_into_blocks(len(spans)))
-    return Delay(*(float(values[0]) for values in fitted))
+    return fit_by_jackknife(lambda *given: fit_effects(*given)[:1], (design, offsets), split_into_blocks(len(spans)))

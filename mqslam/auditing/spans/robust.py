@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,20 @@ HUBER: Final = 1.345
 _BLOCKS: Final = 20  # largest number of parts of a drive: more parts would hardly show the spread any better
 _FITS: Final = 3  # numerical: number of fits; after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
+
+
+class Estimate(NamedTuple):
+    """An estimate of Q parameters from many places.
+
+    Args:
+        value: (Q,) parameters.
+        sigma: (Q,) standard deviations of the parameters.
+        p_value: (Q,) probability of estimating each parameter this far from zero if it is zero.
+    """
+
+    value: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    p_value: NDArray[np.float64]
 
 
 def measure_spread(misses: NDArray[np.float64]) -> float:
@@ -56,7 +70,7 @@ def fit_by_jackknife(
     given: tuple[NDArray[np.float64], NDArray[np.float64]],
     parts: Sequence[NDArray[np.int64]],
     common: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> Estimate:
     """Fits parameters to all places, and again without each part of the places, to find how uncertain the parameters are.
 
     Args:
@@ -65,12 +79,9 @@ def fit_by_jackknife(
         parts: indices of the places of each part.
         common: standard deviation of the parameters due to an error that all places have in common; the fits without single
             parts do not show this error.
-
-    Returns:
-        the parameters (Q,), their standard deviations (Q,) and their p-values (Q,).
     """
     found = fit(*given)
     without = np.array([fit(*(np.delete(array, part, axis=0) for array in given)) for part in parts])
     spread = np.sqrt((len(parts) - 1.0) / len(parts) * np.sum((without - found) ** 2, axis=0))
     sigma = np.maximum(np.hypot(spread, common), _LEAST)
-    return found, sigma, 2.0 * student.sf(np.abs(found) / sigma, len(parts) - 1)
+    return Estimate(found, sigma, 2.0 * student.sf(np.abs(found) / sigma, len(parts) - 1))
