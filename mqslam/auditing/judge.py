@@ -45,7 +45,7 @@ from mqslam.auditing.speeds import (
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.table import MapTest, apply_tolerance, share_of_false_alarms, sort_tests
-from mqslam.auditing.tracks import Jump, find_jumps, judge_doubt, judge_part, judge_track, mark_interpolated, state_cover
+from mqslam.auditing.tracks import Jump, find_jumps, judge_cover, judge_doubt, judge_track, mark_interpolated, state_cover
 from mqslam.auditing.verdict import Cause, Finding, Verdict, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
@@ -164,14 +164,16 @@ def audit(
     settings = apply_tolerance(settings, limits)
     shared = sweeps, settings, estimator
     windows = audit_windows(shared, engine, progress, sampled)
-    interpolated = _mark_interpolated(sweeps)
+    track = sweeps.track
+    interpolated = np.zeros(len(sweeps), dtype=np.bool_)  # without a trajectory there is no gap
+    if track is not None:
+        interpolated = mark_interpolated(track, sweeps.times, sweeps.revolution_s)
     middles = [(w.begin + w.end) // 2 - 1 for w in windows]
     speeds = check_speeds(shared, middles, ~interpolated, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, estimator)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture))
     steps = audit_steps(shared, ~interpolated, share_of_false_alarms(limits), engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
-    track = sweeps.track
     tests = {
         "trajectory": _judge_trajectory(sweeps, steps, settings),
         "speeds": judge_speeds(speeds, capture, is_of_run=known.is_of_run),
@@ -263,7 +265,7 @@ def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: Audi
         _shows(step, jump, settings) for jump in find_jumps(track, WINDOW * sweeps.revolution_s, settings) for step in steps
     ):
         own = [replace(one, status=VerdictStatus.FAIL) if one.cause is Cause.JUMP else one for one in own]
-    found = [*own, *judge_part(track), *judge_doubt(sweeps.doubt_m, settings)]
+    found = [*judge_cover(track), *own, *judge_doubt(sweeps.doubt_m, settings)]
     return found or [state_cover(track)]
 
 
@@ -288,13 +290,6 @@ def _judge_frame(
     if place is not None:
         findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))
     return findings
-
-
-def _mark_interpolated(sweeps: Sweeps) -> NDArray[np.bool_]:
-    """Returns which of S sweeps lie in a gap of the trajectory; without a trajectory no sweep does."""
-    if sweeps.track is None:
-        return np.zeros(len(sweeps), dtype=np.bool_)
-    return mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s)
 
 
 def _decide(

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.registration import (
-    SPEED_ERROR_MPS,
     Registration,
     Shared,
     ask_of_single_scans,
@@ -44,12 +43,10 @@ class CaptureRange:
     Args:
         window_m: largest correction that the search in a window surely finds [m].
         speed_mps: largest error of the speed that a window can measure [m/s]: `window_m` divided by a window's duration.
-        searched_mps: largest error of the speed that is searched for between successive scans [m/s].
     """
 
     window_m: float
     speed_mps: float
-    searched_mps: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +79,7 @@ def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> Captu
         estimator: settings of the score.
     """
     reach_m = estimator.s_start
-    return CaptureRange(reach_m, reach_m / (WINDOW * revolution_s), SPEED_ERROR_MPS)
-
-
-def _find_capture(shared: Shared) -> CaptureRange:
-    """Returns the capture range of the map that is judged."""
-    sweeps, _, estimator = shared
-    return find_capture_range(sweeps.revolution_s, estimator)
+    return CaptureRange(reach_m, reach_m / (WINDOW * revolution_s))
 
 
 def check_speeds(
@@ -108,10 +99,11 @@ def check_speeds(
     Returns:
         one check per entry of `middles`; None where either scan holds too few points.
     """
-    sweeps = shared[0]
+    sweeps, _, estimator = shared
+    capture = find_capture_range(sweeps.revolution_s, estimator)
     checks = engine.map(check_speed, shared, list(middles), count_items(progress, "speeds", len(middles)))
     inside = {k: begin + int(known[begin]) for k, begin in enumerate(middles) if not known[begin : begin + 2].all()}
-    off = [k for k in inside if contradicts(checks[k], _find_capture(shared))]
+    off = [k for k in inside if contradicts(checks[k], capture)]
     if sweeps.track is None or not off:
         return checks
     steps = {k: find_gaps(sweeps.track, sweeps.times[[within]])[0] for k, within in inside.items()}
@@ -133,7 +125,7 @@ def _find_wrong(
     curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # points are placed by this curve
     report = count_items(progress, "speeds in gaps", len(pairs))
     motions = dict(zip(pairs, engine.map(_measure_twist, (curved, settings, estimator), pairs, report), strict=True))
-    longest_s, speed_mps = WINDOW * sweeps.revolution_s, _find_capture(shared).speed_mps
+    longest_s, speed_mps = WINDOW * sweeps.revolution_s, find_capture_range(sweeps.revolution_s, estimator).speed_mps
     wrong = set()
     for gap, begins in inner.items():
         found_m = _chain_across(gap, sweeps.times, {k: motions[k] for k in begins}, longest_s)
@@ -212,7 +204,7 @@ def _register_next(shared: Shared, begin: int) -> tuple[Registration, SpeedCheck
     if registration is None:
         return None
     check = SpeedCheck(registration.offset / span_s, registration.unrivalled)
-    if contradicts(check, _find_capture(shared)):  # the wide search may have found a wrong place
+    if contradicts(check, find_capture_range(sweeps.revolution_s, estimator)):  # the wide search may be wrong
         is_sure = fits_far_better(registration) and not is_of_beams(registration, pair, sweeps, estimator)
         return registration, replace(check, sure=is_sure)
     return registration, check

@@ -83,7 +83,7 @@ class Jump:
 
 
 def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
-    """Returns the findings on uncovered scans, gaps and jumps of a trajectory; an empty list if it has none of these faults.
+    """Returns the findings on gaps and jumps of a trajectory; an empty list if it has none of these faults.
 
     Poses before the first scan and after the last scan are not judged, since they move no point.
 
@@ -93,7 +93,7 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
         revolution_s: usual duration of a scan [s].
         settings: settings of the audit.
     """
-    findings = _judge_cover(track)
+    findings = []
     span_s = WINDOW * revolution_s
     inside = mark_interpolated(track, times, revolution_s)
     if inside.any():
@@ -250,39 +250,31 @@ def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
-def _judge_cover(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if it covers no whole window.
+def judge_cover(track: Track) -> list[Finding]:
+    """Returns a finding if a trajectory covers less than 90 % of the scans, else an empty list.
 
-    If the trajectory covers more, the list is empty.
+    If it covers less than half of them, its stamps may be wrong; it is `not judged` if it then covers no whole window.
     """
-    if track.uncovered <= _UNCOVERED_WARN * track.scans:
+    if track.uncovered <= _PART_WARN * track.scans:
         return []
-    begin, end = float(track.times[0]), float(track.times[-1])
-    reason = (
-        f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, "
-        f"{describe_times(begin, end)}: the other scans were not judged; check whether the stamps fit the recording's"
-    )
-    too_few = track.scans - track.uncovered < WINDOW
-    status = VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN
+    covered, status = _count_covered(track), VerdictStatus.WARN
+    where = f"{describe_times(float(track.times[0]), float(track.times[-1]))}: the other scans were not judged"
+    reason = f"the trajectory covers only a part of the recording, {covered} {where}"
+    if track.uncovered > _UNCOVERED_WARN * track.scans:
+        reason = f"the trajectory covers only {covered}, {where}; check whether the stamps fit the recording's"
+        status = VerdictStatus.NOT_JUDGED if track.scans - track.uncovered < WINDOW else status
     return [Finding(status, reason, cause=Cause.PART, explanation=reason)]
-
-
-def judge_part(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers at least half, but less than 90 % of the scans; otherwise an empty list."""
-    if not _PART_WARN * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
-        return []
-    begin, end = float(track.times[0]), float(track.times[-1])
-    reason = (
-        f"the trajectory covers only a part of the recording, {track.scans - track.uncovered} of "
-        f"{count_of(track.scans, 'scan')} {describe_times(begin, end)}: the other scans were not judged"
-    )
-    return [Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason)]
 
 
 def state_cover(track: Track) -> Finding:
     """Returns the finding on a trajectory without gaps, jumps and sparse poses: how many scans it covers."""
-    covered = f"{track.scans - track.uncovered} of {count_of(track.scans, 'scan')}"
+    covered = _count_covered(track)
     return Finding(VerdictStatus.PASS, f"the trajectory covers {covered}; its poses alone show no gap and no jump")
+
+
+def _count_covered(track: Track) -> str:
+    """Returns in words how many of the scans a trajectory covers."""
+    return f"{track.scans - track.uncovered} of {count_of(track.scans, 'scan')}"
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:

@@ -70,9 +70,9 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         if keyframes != data:
             problem = "is a merged map, of which only the keyframes can be converted, to a point cloud"
         raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
-    instead = "give an output that ends in .bag, .mcap, .tum or .ply, or the layout rosbag2"
-    problem = f"{data}: is a run; its results can only be converted to a bag, to TUM or to a point cloud; {instead}"
-    if is_run(data) and to is None and out.suffix not in (".bag", ".mcap"):
+    if is_run(data) and not (out.suffix in (".bag", ".mcap") if to is None else find_target(out, to).is_bag):
+        instead = "give an output that ends in .bag, .mcap, .tum or .ply, or the layout rosbag2"
+        problem = f"{data}: is a run; its results can only be converted to a bag, to TUM or to a point cloud; {instead}"
         raise ConfigError(problem)
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
@@ -80,8 +80,6 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
             recording = open_data(data, format, range_resolution, load_config(config))
             notes = write_recording(recording, out, target, partial(progress, "converting"))
             return [*recording.notes, *recording.faults, *notes]
-        if not target.is_bag:
-            raise ConfigError(problem)
         write_results(out, data, target.name)
     return []
 

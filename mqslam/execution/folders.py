@@ -223,19 +223,6 @@ def check_new_file(out: Path, *, force: bool) -> None:
     check_writable(out)
 
 
-def make_folder(path: Path) -> Path:
-    """Makes an output folder and returns its path; an existing folder must be empty.
-
-    Raises:
-        OutputError: the folder exists with content, is a file, or cannot be made.
-    """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"{path}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)
-    with blame_output(path, "made", Remedy.CHOOSE_OUTPUT):
-        path.mkdir(parents=True, exist_ok=True)
-    return path
-
-
 def list_entries(folder: Path) -> list[PurePosixPath]:
     """Lists the paths of files, links and empty folders below a folder, relative to that folder; no link is followed."""
     entries = []

@@ -409,4 +409,7 @@ def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, am
         return f"several places of this map fit, and nothing shows which place is the right one ({fit})", _LONGER
     fits = f"; {ambiguous} of them fit several places about equally well" if ambiguous else ""
     remedy = _LARGER_MAP if len(made.places.keyframes) < 2 * ROW else _OTHER_MAP  # few places hardly ever form a row
-    return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", remedy
+    return (
+        f"not in this map: no row of places was recognised and confirmed by its scans ({looked_up} {along}, {places}{fits})",
+        remedy,
+    )

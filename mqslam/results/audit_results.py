@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
+from mqslam.auditing.registration import SPEED_ERROR_MPS
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
@@ -318,7 +319,7 @@ def _summarise_speeds(audit: Audit) -> dict[str, Any]:
         "error_median": _median([speed.error_mps for speed in sure]),
         "capture_m": capture.window_m,
         "capture_mps": capture.speed_mps,
-        "searched_mps": capture.searched_mps,
+        "searched_mps": SPEED_ERROR_MPS,
     }
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import ConfigError, suggest
+from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import claim_folder, make_folder, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.formats.recordings import oxford
 from mqslam.formats.trajectories import write_twists
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
@@ -205,13 +205,7 @@ def _write_new_folder(out: Path) -> Iterator[Path]:
         OutputError: `out` holds something, is a file, or cannot be written.
     """
     with claim_folder(out, force=True):
-        existed = out.exists()
-        make_folder(out)
-        try:
-            with write_folder_aside(out) as aside:
-                yield aside
-        except BaseException:
-            if not existed:
-                with contextlib.suppress(OSError):
-                    out.rmdir()
-            raise
+        if out.exists() and any(out.iterdir()):
+            raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)
+        with write_folder_aside(out) as aside:
+            yield aside

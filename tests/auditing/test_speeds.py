@@ -29,7 +29,7 @@ from mqslam.psi.place import beam_of
 from mqslam.results.audit_results import summarise
 
 CONFIG, ROOMS = Config(), fit_to_rooms(Config())
-CAPTURE = CaptureRange(window_m=2.5, speed_mps=5.0 / 3.0, searched_mps=50.0)
+CAPTURE = CaptureRange(window_m=2.5, speed_mps=5.0 / 3.0)
 
 
 @lru_cache

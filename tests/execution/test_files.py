@@ -10,7 +10,6 @@ import pytest
 
 from mqslam.errors import OutputError
 from mqslam.execution.files import write_aside, write_text
-from mqslam.execution.folders import make_folder
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -100,23 +99,3 @@ def test_text_is_utf_8_and_replaces_what_was_there(tmp_path: Path) -> None:
     path.write_text("much longer than what follows")
     write_text(path, "ψ\n")
     assert path.read_bytes() == "ψ\n".encode()
-
-
-def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
-    out = tmp_path / "deep" / "out"
-    assert make_folder(out) == out and out.is_dir()
-    assert make_folder(out) == out
-
-
-@pytest.mark.parametrize(
-    ("there", "asked", "problem"),
-    [("out", "out", "exists already"), ("out/mine", "out", "exists already"), ("out", "out/in", "made")],
-)
-def test_a_folder_that_cannot_be_made_is_refused_and_left_alone(
-    tmp_path: Path, there: str, asked: str, problem: str
-) -> None:
-    (tmp_path / there).parent.mkdir(exist_ok=True)
-    (tmp_path / there).write_text("kept")
-    with pytest.raises(OutputError, match=problem):
-        make_folder(tmp_path / asked)
-    assert (tmp_path / there).read_text() == "kept"

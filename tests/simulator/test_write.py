@@ -181,6 +181,14 @@ def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
     assert read_contents(tmp_path) == {"mine": b"kept"}
 
 
+def test_a_file_and_what_lies_below_a_file_are_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("kept")
+    for asked, problem in (("out", "exists already"), ("out/in", "cannot be made")):
+        with pytest.raises(OutputError, match=problem):
+            simulate(tmp_path / asked, **SMALL)
+    assert read_contents(tmp_path) == {"out": b"kept"}
+
+
 def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     simulate(tmp_path / "out", **SMALL)
