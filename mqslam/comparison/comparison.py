@@ -138,8 +138,7 @@ def measure_rows_across(
     Returns:
         psi per point, by the rows' names; empty if the best row passes no place twice.
     """
-    tracks = {name: row.row.trajectory for name, row in judged.items()}
-    poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}
+    poses = {name: row.trajectory.at(scans.stamps_us) for name, row in judged.items()}
     if not poses:
         return {}
     factor = 1.0 / (scans.unit_m or 1.0)  # so that lengths in metres hold for a lidar in a room as for a radar in a street

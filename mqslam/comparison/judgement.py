@@ -85,6 +85,12 @@ class JudgedRow:
     crops: tuple[NDArray[np.float64], ...]
     map: PointMap
 
+    @property
+    def trajectory(self) -> Trajectory:
+        """The trajectory that was judged; a row without a trajectory cannot be judged."""
+        assert self.row.trajectory is not None
+        return self.row.trajectory
+
 
 def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     """Returns the scans that the trajectory of every row covers.

@@ -125,7 +125,7 @@ def write_audit_page(
 
 
 def _draw_heat_map(sweeps: Sweeps, audit: Audit, *, opaque: bool = False) -> bytes:
-    return draw_heat_map(sweeps.points, sweeps.poses[:, :2], sweeps.times, audit, opaque=opaque)
+    return draw_heat_map(sweeps.points, sweeps.poses[:, :2], audit, opaque=opaque)
 
 
 def _show_verdict(sweeps: Sweeps, audit: Audit) -> Section:

@@ -180,12 +180,11 @@ def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque:
         truth: ground truth, with which the best rigid motion aligns each trajectory; if None, all start from one pose.
         opaque: whether the background is white, for a picture outside a page, rather than transparent.
     """
-    tracks = {row.row.name: row.row.trajectory for row in rows if row.row.trajectory is not None}
-    motions, shown = _find_common_frame(list(tracks.values()), truth)
+    motions, shown = _find_common_frame([row.trajectory for row in rows], truth)
     curves = [] if shown is None else [Curve("ground truth", TRUTH_GREY, shown, width=5.0, alpha=0.6)]
-    for k, ((name, track), motion) in enumerate(zip(tracks.items(), motions, strict=True)):
+    for k, (row, motion) in enumerate(zip(rows, motions, strict=True)):
         colour, style = _style_of(k)
-        curves.append(Curve(name, colour, se2.compose(motion, track.poses)[:, :2], style, 1.6))
+        curves.append(Curve(row.row.name, colour, se2.compose(motion, row.trajectory.poses)[:, :2], style, 1.6))
     return draw_world([Drawing((), curves)], SHEET_SHAPE, opaque=opaque)[0]
 
 
@@ -232,26 +231,25 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
     selected = []
     for row in rows:
         windows = [window for window in row.audit.windows if window.undecided is None]  # else inflation means nothing
-        if row.row.trajectory is not None and windows:
-            moves = _are_moving(row.row.trajectory, [(window.t0, window.t1) for window in windows], start_us)
+        if windows:
+            moves = _are_moving(row.trajectory, [(window.t0, window.t1) for window in windows], start_us)
             windows = [window for window, moved in zip(windows, moves, strict=True) if moved]
         selected.append(windows)
     return selected
 
 
 def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> list[int]:
-    """Returns the indices of the places in which the trajectory of any row moves or rotates; all without a trajectory.
+    """Returns the indices of the places in which the trajectory of any row moves or rotates.
 
     Args:
         rows: rows that ran.
         places: the places.
         start_us: stamp of the recording's start [us].
     """
-    tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
-    if not places or not tracks:
-        return list(range(len(places)))
+    if not places:
+        return []
     spans = [(place.t0, place.t1) for place in places]
-    moves = np.any([_are_moving(track, spans, start_us) for track in tracks], axis=0)
+    moves = np.any([_are_moving(row.trajectory, spans, start_us) for row in rows], axis=0)
     return [int(k) for k in np.flatnonzero(moves)]
 
 
@@ -276,7 +274,7 @@ def explore_comparison(comparison: Comparison) -> Explorer | None:
     Returns None if no row has a map.
     """
     rows, start_us = list(comparison.judged.values()), comparison.recording.start_us
-    tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
+    tracks = [row.trajectory for row in rows]
     motions, true = _find_common_frame(tracks, comparison.recording.ground_truth)
     colours = [_style_of(k)[0] for k in range(len(rows))]
     layers: list[Layer] = []
@@ -340,7 +338,7 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
         The content of a PNG file, the largest distance between two trajectories [m], and the time at which it occurs [s
         since the first time that all trajectories cover]. None for fewer than two rows.
     """
-    tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
+    tracks = [row.trajectory for row in rows]
     if len(tracks) < 2:
         return None
     motions, true = _find_common_frame(tracks, truth)

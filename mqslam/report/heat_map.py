@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sizes import TORN_INFLATION
-from mqslam.auditing.spans.sums import SumAudit, find_bends
-from mqslam.auditing.spans.torn import SpanAudit
+from mqslam.auditing.spans.sums import find_bends
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.report.canvas import (
     GREY,
@@ -63,15 +61,12 @@ class _TornPlace:
     is_stretch: bool = True
 
 
-def draw_heat_map(
-    points: Points, path: Points, times: NDArray[np.float64], audit: Audit | None, *, opaque: bool = True
-) -> bytes:
+def draw_heat_map(points: Points, path: Points, audit: Audit | None, *, opaque: bool = True) -> bytes:
     """Draws the heat map of an audit as a PNG file.
 
     Args:
         points: (N, 2) points x, y of the map [m].
         path: (K, 2) positions x, y of the scans that were judged, in the frame of the points [m].
-        times: (K,) times of these scans [s since the recording's start], increasing.
         audit: judgement of the map; None if the map was not judged.
         opaque: whether the background is white, for a picture outside a page. Otherwise it is transparent, and the picture
             has 256 colours, which take a third of the bytes.
@@ -87,7 +82,7 @@ def draw_heat_map(
     # blue below the threshold, orange to brown above it; the nearer to the threshold, the lighter
     shades = LinearSegmentedColormap.from_list("inflation", list(_COLOURS), 512)
     colours = ScalarMappable(LogNorm(TORN_INFLATION / _REACH, TORN_INFLATION * _REACH), shades)
-    torn = [] if audit is None else _list_torn(audit, times)
+    torn = [] if audit is None else _list_torn(audit)
     _draw_torn(axes, path, torn, view)
     decided = [] if audit is None else [window for window in audit.windows if window.undecided is None]
     for window in sorted(decided, key=lambda w: w.bend.inflation):  # the worst on top where the path crosses itself
@@ -119,16 +114,16 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
     )
 
 
-def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps and the torn spans, sums of spans and revisits of an audit; `times` (K,) [s] are its scans'."""
-    places = [
-        _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
+def _list_torn(audit: Audit) -> list[_TornPlace]:
+    """Returns the jumps and the torn spans, sums of spans and revisits of an audit."""
+    jumps = [jump.registration for jump in audit.jumps]
+    spans = [(span.registration, span.distance_m) for span in audit.spans if span.torn]
+    return [
+        *(_TornPlace(jump.earlier, jump.later, jump.size_m) for jump in jumps),
+        *(_TornPlace(span.earlier, span.later, off_m) for span, off_m in spans),
+        *(_TornPlace(one.earlier, one.later, one.distance_m) for one in find_bends(audit.sums)),
+        *(_TornPlace(one.earlier, one.later, one.distance_m, is_stretch=False) for one in audit.revisits if one.torn),
     ]
-    stretches: list[SpanAudit | SumAudit] = [*(span for span in audit.spans if span.torn), *find_bends(audit.sums)]
-    for one in stretches:
-        earlier, later = np.searchsorted(times, [one.t0, one.t1]).clip(max=len(times) - 1).tolist()
-        places.append(_TornPlace(earlier, later, one.distance_m))
-    return places + [_TornPlace(r.earlier, r.later, r.distance_m, is_stretch=False) for r in audit.revisits if r.torn]
 
 
 def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:

@@ -48,11 +48,9 @@ from mqslam.report.page import Explorer, Figure, Page, Section, tabulate_tests
 from mqslam.report.spots import rank_spot, spot_of_window
 from mqslam.report.words import (
     ABSENT,
-    describe_motion,
     format_change,
     format_length,
     format_matched,
-    format_three_digits,
     format_value,
     label_value,
     list_facts,
@@ -139,9 +137,7 @@ def _describe_errors(errors: Mapping[str, Any]) -> str:
 
 def _show_verdict(run: Run) -> Section:
     """Returns the heat map of the optimised map."""
-    track = run.optimised
-    times, path = track.seconds(int(track.stamps_us[0])), track.poses[:, :2]
-    picture = draw_heat_map(run.map_optimised.points, path, times, run.checked, opaque=False)
+    picture = draw_heat_map(run.map_optimised.points, run.optimised.poses[:, :2], run.checked, opaque=False)
     caption = explain_heat_map(run.checks) if run.checked else "nothing has judged the map"
     return Section("", figures=[Figure(picture, "Map", caption)])
 
@@ -305,27 +301,14 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
 
 def _show_windows(run: Run) -> list[Place]:
     """Returns for each judged window the text and the close views that a click on the window shows."""
-    shown = [(run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised)]
+    maps = [(run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised)]
     if _left_as_it_was(run):
-        del shown[0]  # both views would be the same
-    views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in shown]
+        del maps[0]  # both views would be the same
+    views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in maps]
     places = []
-    for k, window in enumerate(run.checks):
-        torn = "torn: " if window.torn else "not torn: "
-        if window.undecided is not None:
-            torn = f"undecided, since {window.undecided}: "
-        places.append(
-            Place(
-                window.t0,
-                window.t1,
-                f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {format_three_digits(window.bend.inflation)}",
-                f"{torn}best with the window's end moved {describe_motion(window.bend.correction)}, which moves points by "
-                f"{format_length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of the points are seen twice",
-                [(name, crops[k], (BLUE, ORANGE)) for name, crops in views],
-                window.torn,
-                window.undecided is not None,
-            )
-        )
+    for k, spot in enumerate(map(spot_of_window, run.checks)):
+        shown = [(name, crops[k], (BLUE, ORANGE)) for name, crops in views]
+        places.append(Place(spot.t0, spot.t1, spot.title, spot.text, shown, spot.torn, spot.undecided is not None))
     return places
 
 

@@ -93,8 +93,8 @@ class Spot:
         return (self.kind, self.time, describe_place(self.pose), *correction, inflation, self.verdict)
 
 
-def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
-    """Returns the worst places: torn places by the size of their correction, then windows by inflation.
+def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns the worst places, at most `_WORST`: torn places by the size of their correction, then windows by inflation.
 
     Of two places of one kind that are not more than `_SPREAD_M` of path apart, only the worse one is returned.
 
@@ -102,12 +102,11 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count:
         sweeps: the points that were judged.
         audit: judgement of the map.
         settings: settings of the audit.
-        count: largest number of places.
     """
     spots = [*spots_of_torn_pairs(sweeps, audit, settings), *map(spot_of_window, audit.windows)]
     chosen: list[Spot] = []
     for spot in sorted(spots, key=rank_spot, reverse=True):
-        if len(chosen) < count and all(_are_apart(sweeps, spot, other) for other in chosen):
+        if len(chosen) < _WORST and all(_are_apart(sweeps, spot, other) for other in chosen):
             chosen.append(spot)
     return chosen
 
@@ -137,8 +136,8 @@ def spot_of_window(window: WindowAudit) -> Spot:
         correction=bend.correction,
         inflation=bend.inflation,
         torn=window.torn,
-        text=f"Best with the window's end moved {motion} relative to its begin, which moves its points by {size}. "
-        f"Inflation {format_three_digits(bend.inflation)}{known}.",
+        text=f"Best with the window's end moved {motion} relative to its begin, which moves its points by {size}; "
+        f"{100.0 * bend.matched:.0f} % of them are seen twice. Inflation {format_three_digits(bend.inflation)}{known}.",
         undecided=window.undecided,
     )
 

@@ -101,7 +101,7 @@ def test_every_crop_is_shown_before_and_after_on_one_extent(pages: dict[str, Pat
 
 
 def drawn(sweeps: Sweeps, audit: Audit, *, opaque: bool = True) -> bytes:
-    return draw_heat_map(sweeps.points, sweeps.poses[:, :2], sweeps.times, audit, opaque=opaque)
+    return draw_heat_map(sweeps.points, sweeps.poses[:, :2], audit, opaque=opaque)
 
 
 def test_the_heat_map_shows_jumps_and_torn_spans() -> None:

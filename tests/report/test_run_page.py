@@ -210,16 +210,16 @@ def test_a_click_on_a_curve_shows_the_place_before_and_after(pages: dict[str, Pa
     with chromium() as browser:
         opened(browser, pages["run"] / "report.html")
         assert browser.find_element("tag name", "h1").text == "<run>"
-        assert browser.find_element("id", "place").text.startswith("4.5 s to 6.0 s, inflation 120")  # the worst of them
+        assert browser.find_element("id", "place").text.startswith("window 4.5 s to 6.0 s at (")  # the worst of them
         time = click_curve(browser, "inflation", 0)
         shown = browser.find_element("id", "place")
-        WebDriverWait(browser, PATIENCE_S).until(lambda _: shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        WebDriverWait(browser, PATIENCE_S).until(lambda _: shown.text.startswith(f"window {time - 0.75:.1f} s to"))
         crops = browser.execute_script("return document.getElementById('crop').data.map((t) => [t.name, t.x.length])")
         assert [name for name, _ in crops] == ["this pass", "other passes"] * 2 and sum(count for _, count in crops) > 0
         marked = browser.execute_script("return document.getElementById('map').data.at(-1).x.length")
         assert marked == 2
         browser.find_element("id", "next").click()
-        WebDriverWait(browser, PATIENCE_S).until(lambda _: not shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        WebDriverWait(browser, PATIENCE_S).until(lambda _: not shown.text.startswith(f"window {time - 0.75:.1f} s to"))
         assert browser.get_log("browser") == []
 
 

@@ -106,7 +106,7 @@ def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() ->
     sweeps = swept_walls(120)
     windows = [judged_window(sweeps, 6 * k, float(k), (0.5, 0.0, 0.0), k in (2, 3)) for k in range(20)]
     revisits = [judged_revisit(9, later, (0.1 * later, 0.0, 0.0), True) for later in (100, 102, 104)]
-    spots = find_worst_spots(sweeps, audit_of(windows, revisits), SETTINGS, 5)
+    spots = find_worst_spots(sweeps, audit_of(windows, revisits), SETTINGS)[:5]
     assert [(s.kind, s.sweep) for s in spots[:2]] == [("revisit", 104), ("window", 15)]
     assert [s.torn for s in spots] == [True, True, False, False, False]
     begins = [s.sweep for s in spots if s.kind == "window"]
