@@ -104,7 +104,7 @@ class Audit:
 
     def compute_psi_over_best_of_passes(self) -> float | None:
         """Returns psi summed over sure revisits, divided by the sum of their lowest psi (at least 1); None without any."""
-        sure = [one for one in self.revisits if one.sure]
+        sure = [one.registration for one in self.revisits if one.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 
 

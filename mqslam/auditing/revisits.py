@@ -172,14 +172,10 @@ class RevisitAudit:
     """The judgement of one revisit: of two passes of one place, the later pass is registered on the earlier pass.
 
     Args:
-        earlier, later: numbers of the sweeps in whose frames the passes are given.
-        offset: (3,) pose of the later pass by psi relative to its pose by the trajectory, in the frame of the later sweep
-            [m, m, rad].
+        registration: registration of the later pass on the earlier pass.
         covariance: (3, 3) covariance of the offset by the measurement, plus `stated_covariance`.
         heading: yaw of the later sweep's pose in the map's frame [rad].
         inflation: offset^T covariance^-1 offset.
-        matched: share of the later pass's points that lie on the earlier pass.
-        psi, psi_best: score per point without and with the offset corrected.
         sure: whether the two passes constrain every direction and fit nowhere else as well, or the revisit belongs to a
             series of revisits that agree (`find_agreeing`).
         torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
@@ -190,20 +186,20 @@ class RevisitAudit:
         excused: whether only the stated covariance keeps the passes from being torn.
     """
 
-    earlier: int
-    later: int
-    offset: se2.Array
+    registration: Registration
     covariance: NDArray[np.float64]
     heading: float
     inflation: float
-    matched: float
-    psi: float
-    psi_best: float
     sure: bool
     torn: bool = False
     p_value: float = np.nan
     stated_covariance: NDArray[np.float64] | None = None
     excused: bool = False
+
+    @property
+    def offset(self) -> se2.Array:
+        """The offset (3,) of the registration, in the frame of the later sweep [m, m, rad]."""
+        return self.registration.offset
 
     @property
     def distance_m(self) -> float:
@@ -282,7 +278,7 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits; one with `earlier` or `later` in a gap, where poses are guesses, is neither sure nor torn.
+    """Returns the revisits; one with an end in a gap, where poses are guesses, is neither sure nor torn.
 
     Args:
         revisits: revisits of a map.
@@ -290,7 +286,7 @@ def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[n
     """
     return [
         replace(one, sure=False, torn=False, p_value=np.nan, excused=False)
-        if interpolated[[one.earlier, one.later]].any()
+        if interpolated[[one.registration.earlier, one.registration.later]].any()
         else one
         for one in revisits
     ]
@@ -335,15 +331,10 @@ def judge_registrations(
     audited = []
     for k, one in enumerate(registrations):
         revisit = RevisitAudit(
-            earlier=one.earlier,
-            later=one.later,
-            offset=one.offset,
+            registration=one,
             covariance=total.covariances[k],
             heading=float(total.poses[k, 2]),
             inflation=float(inflations[k]),
-            matched=one.matched,
-            psi=one.psi,
-            psi_best=one.psi_best,
             sure=bool(sure[k]),
             p_value=float(p_values[k]),
             stated_covariance=None if known is None else known[k],

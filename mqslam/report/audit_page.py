@@ -167,7 +167,7 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
     )
     curves = []
     for name, colour, mark, some in kinds:
-        points = over([x[r.later] for r in some], np.maximum([r.distance_m for r in some], LEAST_M))
+        points = over([x[r.registration.later] for r in some], np.maximum([r.distance_m for r in some], LEAST_M))
         if some:
             curves.append(Curve(f"{name} ({len(some)})", colour, points, mark, 4.0))
     level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
@@ -205,7 +205,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
     times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
     spots = _choose_spots(sweeps, audit, settings)
-    torn = [sweeps.poses[[r.earlier, r.later], :2] for r in audit.revisits if r.torn]
+    torn = [sweeps.poses[[r.earlier, r.later], :2] for r in (one.registration for one in audit.revisits if one.torn)]
     charts = [chart_inflation(audit.windows)] if audit.windows else []
     sure = [r for r in audit.revisits if r.sure]
     if sure:

@@ -118,11 +118,12 @@ def _list_torn(audit: Audit) -> list[_TornPlace]:
     """Returns the jumps and the torn spans, sums of spans and revisits of an audit."""
     jumps = [jump.registration for jump in audit.jumps]
     spans = [(span.registration, span.distance_m) for span in audit.spans if span.torn]
+    revisits = [(one.registration, one.distance_m) for one in audit.revisits if one.torn]
     return [
         *(_TornPlace(jump.earlier, jump.later, jump.size_m) for jump in jumps),
         *(_TornPlace(span.earlier, span.later, off_m) for span, off_m in spans),
         *(_TornPlace(one.earlier, one.later, one.distance_m) for one in find_bends(audit.sums)),
-        *(_TornPlace(one.earlier, one.later, one.distance_m, is_stretch=False) for one in audit.revisits if one.torn),
+        *(_TornPlace(one.earlier, one.later, off_m, is_stretch=False) for one, off_m in revisits),
     ]
 
 

@@ -169,11 +169,12 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
         off = bend.distance_m, bend.offset, inflation
         text = _describe_fit(f"The end of these {bend.path_m:.0f} m of path", bend.distance_m, bend.offset)
         spots.append(_spot_of_pair(sweeps, "sum", pair, pick_ends(pair), off, text))
-    for revisit in (one for one in audit.revisits if one.torn):
-        pair, off = (revisit.earlier, revisit.later), (revisit.distance_m, revisit.offset, revisit.inflation)
+    for revisit in (revisit for revisit in audit.revisits if revisit.torn):
+        one, off = revisit.registration, (revisit.distance_m, revisit.offset, revisit.inflation)
+        pair = one.earlier, one.later
         text = _describe_fit("The later pass", revisit.distance_m, revisit.offset)
         passes = pick_passes(sweeps, *pair, settings)
-        spots.append(_spot_of_pair(sweeps, "revisit", pair, passes, off, text, revisit.matched))
+        spots.append(_spot_of_pair(sweeps, "revisit", pair, passes, off, text, one.matched))
     return spots
 
 
@@ -260,8 +261,8 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
             for step in audit.steps
         ],
         ("revisit", "revisits.csv"): [
-            (None if r.sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])
-            for r in audit.revisits
+            (None if is_sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])
+            for r, is_sure in ((one.registration, one.sure) for one in audit.revisits)
         ],
     }
     rows: list[tuple[str, ...]] = []

@@ -74,8 +74,8 @@ _WINDOW: Final[Columns] = {
     "grid_entropy": lambda w, _: w.measures.grid_entropy,
 }
 _REVISIT: Final[Columns] = {
-    ("t_earlier", "t_later"): lambda r, sweeps: sweeps.times[[r.earlier, r.later]],
-    _POSE: lambda r, sweeps: sweeps.poses[r.later],
+    ("t_earlier", "t_later"): lambda r, sweeps: sweeps.times[[r.registration.earlier, r.registration.later]],
+    _POSE: lambda r, sweeps: sweeps.poses[r.registration.later],
     "torn": lambda r, _: r.torn if r.sure else None,
     "sure": lambda r, _: r.sure,
     _OFFSET: lambda r, _: r.offset,
@@ -83,9 +83,9 @@ _REVISIT: Final[Columns] = {
     _STATED: lambda r, _: (None,) * 3 if r.stated_covariance is None else _sigmas(r.stated_covariance),
     "inflation": lambda r, _: r.inflation,
     "p_value": lambda r, _: _known(r.p_value),
-    "matched": lambda r, _: r.matched,
-    "psi_per_point": lambda r, _: r.psi,
-    "psi_per_point_best": lambda r, _: r.psi_best,
+    "matched": lambda r, _: r.registration.matched,
+    "psi_per_point": lambda r, _: r.registration.psi,
+    "psi_per_point_best": lambda r, _: r.registration.psi_best,
 }
 _SPAN: Final[Columns] = {  # the offsets do not contain the corrections of the whole map
     "t_earlier": lambda s, _: s.t0,

@@ -89,7 +89,7 @@ def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
     assert len(torn) >= 3
     recording, _ = block_drive()
     for r in torn:  # offsets are in the frame of the later sweep; the world's y is what was shifted
-        yaw = recording.ground_truth.poses[r.later][2]
+        yaw = recording.ground_truth.poses[r.registration.later][2]
         world = se2.transform(np.array([0.0, 0.0, yaw]), r.offset[None, :2])[0]
         assert world == pytest.approx([0.0, -3.0], abs=0.4)
 

@@ -112,7 +112,8 @@ def test_a_pass_that_lies_beside_the_other_is_found_on_the_way_back_too_and_pass
     sweeps = passed_twice(40)
     revisits = judged(sweeps, lay_passes(sweeps, (0.0, 0.45, 0.0)))
     for turned, status in ((True, VerdictStatus.WARN), (False, VerdictStatus.PASS)):
-        back = [replace(one, offset=-one.offset, heading=np.pi * turned) for one in revisits[1::2]]
+        others = [replace(one, registration=replace(one.registration, offset=-one.offset)) for one in revisits[1::2]]
+        back = [replace(one, heading=np.pi * turned) for one in others]
         mixed = [back[k // 2] if k % 2 else replace(one, heading=0.0) for k, one in enumerate(revisits)]
         assert judge_revisits(mixed, CONFIG.audit, CONFIG.verdict).status is status
 

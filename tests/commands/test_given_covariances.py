@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.reported import swept_walls
+from support.reported import judged_revisit, swept_walls
 
 import mqslam
-from mqslam.auditing.revisits import RevisitAudit, judge_honesty
+from mqslam.auditing.revisits import judge_honesty
 from mqslam.auditing.sources import fit_covariances, read_stated_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.marginals import RelativeCovariances
@@ -125,7 +125,7 @@ def test_revisits_say_whether_stated_covariances_are_honest(scale: float, said: 
     revisits = []
     for offset in np.random.default_rng(3).multivariate_normal(np.zeros(3), stated, size=40):
         inflation = float(offset @ np.linalg.solve(scale * stated, offset))
-        one = RevisitAudit(0, 9, offset, scale * stated, 0.0, inflation, 1.0, 0.1, 0.1, True)
+        one = replace(judged_revisit(0, 9, tuple(offset), False), covariance=scale * stated, inflation=inflation)
         revisits.append(replace(one, stated_covariance=scale * stated))
     honesty = judge_honesty(revisits)
     assert honesty is not None and said in honesty.statement and honesty.revisits == 40

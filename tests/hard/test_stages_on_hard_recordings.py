@@ -64,7 +64,7 @@ def assert_sound(result: Audit) -> None:
         assert scan.bend.inflation >= 0.0
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(scan.bend.covariance))
     for revisit in result.revisits:
-        assert np.isfinite([*revisit.offset, revisit.inflation, revisit.psi]).all()
+        assert np.isfinite([*revisit.offset, revisit.inflation, revisit.registration.psi]).all()
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(revisit.covariance))
 
 

@@ -23,6 +23,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from mqslam.auditing.findings import judge_locally, judge_revisits, judge_windows
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
@@ -203,7 +204,9 @@ def judged_window(sweeps: Sweeps, begin: int, inflation: float, correction: Moti
 
 
 def judged_revisit(earlier: int, later: int, offset: Motion, torn: bool, sure: bool = True) -> RevisitAudit:
-    return RevisitAudit(earlier, later, np.array(offset), 0.01 * np.eye(3), 0.0, 900.0, 0.7, 1.5, 1.2, sure, torn)
+    at, covariance = np.zeros(3), 0.01 * np.eye(3)
+    passes = Registration(earlier, later, at, 50.0, np.array(offset), covariance, at[:2], 30.0, 0.7, 1.5, 1.2, sure, sure)
+    return RevisitAudit(passes, covariance, 0.0, 900.0, sure, torn)
 
 
 def judged_walls(sweeps: Sweeps) -> Audit:
