@@ -38,7 +38,8 @@ from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.recordings.row_images import RowImageRecording
 from mqslam.formats.trajectories import write_boreas_odometry
 from mqslam.report.run_page import write_run_page
-from mqslam.results.run_results import add_warnings, summarise, write_run
+from mqslam.results.files import add_warnings
+from mqslam.results.run_results import summarise, write_run
 from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam
 from mqslam.solution import Run
@@ -215,7 +216,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
             failures = write_run_page(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
                 _write_for_leaderboard(folder, job.recording, result.optimised)
-            add_warnings(folder, summary, recording.notes, failures)
+            add_warnings(folder / "summary.json", summary, failures)
     return summary
 
 

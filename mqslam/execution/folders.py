@@ -52,23 +52,20 @@ _claims: dict[Path, _Claim] = {}
 
 
 @contextmanager
-def claim_folder(
-    out: Path, *, force: bool = False, resume: bool = False, sources: Sequence[Path | None] = (None,)
-) -> Iterator[None]:
+def claim_folder(out: Path, *, force: bool = False, resume: bool = False, sources: Sequence[Path] = ()) -> Iterator[None]:
     """Checks that a result folder may be written, and keeps other commands from it until the block ends.
 
     Args:
         out: the folder.
         force: whether files that mqslam has written into it may be replaced.
         resume: whether an unfinished run in it is to be continued.
-        sources: paths of the inputs of the result, which must not lie in the folder or hold it; None is ignored.
+        sources: paths of the inputs of the result, which must not lie in the folder or hold it.
 
     Raises:
         OutputError: the folder has content that must not be replaced or resumed, holds a source or lies in one, is a
             file, cannot be made, or is being written by another command.
     """
-    for source in sources:
-        _check_place(out, source)
+    _check_place(out, sources)
     place = out.resolve()
     with lock_output(place) as lock:
         _give_back(place, lock)
@@ -162,18 +159,19 @@ def _name_beside(out: Path, word: str) -> Path:
     return path
 
 
-def _check_place(out: Path, recording: Path | None) -> None:
-    """Checks that a result folder can be made at the path `out`, where `recording` is one of its inputs or None.
+def _check_place(out: Path, sources: Sequence[Path]) -> None:
+    """Checks that a result folder can be made at the path `out` from recordings or results, its `sources`.
 
     Raises:
-        OutputError: the folder cannot be made there, holds the recording, or lies in the recording.
+        OutputError: the folder cannot be made there, holds a source, or lies in a source.
     """
     if out.name in ("", ".."):
         raise OutputError(f"{out}: is not the name of a new folder", Remedy.CHOOSE_OUTPUT)
-    if recording is not None and recording.resolve().is_relative_to(out.resolve()):
-        raise OutputError(f"{out}: holds the recording", Remedy.CHOOSE_OUTPUT)
-    if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
-        raise OutputError(f"{out}: lies in the recording", Remedy.CHOOSE_OUTPUT)
+    for source in sources:
+        if source.resolve().is_relative_to(out.resolve()):
+            raise OutputError(f"{out}: holds the recording", Remedy.CHOOSE_OUTPUT)
+        if source.is_dir() and out.resolve().is_relative_to(source.resolve()):
+            raise OutputError(f"{out}: lies in the recording", Remedy.CHOOSE_OUTPUT)
     check_writable(out)
 
 

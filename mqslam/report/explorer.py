@@ -118,7 +118,7 @@ def explore(
     lines: Sequence[Curve] = (),
     groups: Sequence[str] = (),
     first: int = 0,
-    is_calm: bool | None = None,
+    is_calm: bool = False,
 ) -> Explorer | None:
     """Returns an interactive map; None where no layer has points.
 
@@ -132,7 +132,7 @@ def explore(
         groups: names of the groups of points in a close view; empty if the groups need no names.
         first: index in `places` of the place shown first.
         is_calm: whether the verdict is `pass`; the page then calls the place shown first the largest correction, since no
-            place counts against the map. None if there is no verdict.
+            place counts against the map.
     """
     if not any(len(layer.points) for layer in layers):
         return None
@@ -168,7 +168,7 @@ def explore(
         "groups": list(groups),
         "first": first,
         "first_is": named,
-        "calm": bool(is_calm),
+        "calm": is_calm,
         "spans": spans,
         "units": _TITLES,
         "colours": {"fine": BLUE, "torn": RED, "unknown": GREY},

@@ -20,7 +20,7 @@ from mqslam.core.wording import list_reasons
 from mqslam.errors import show
 from mqslam.evaluation import pair_poses
 from mqslam.execution.extras import list_versions
-from mqslam.execution.files import write_json
+from mqslam.execution.files import write_json, write_text
 from mqslam.formats.tum import write_tum
 
 TRUTH: Final = "ground_truth.tum"
@@ -53,19 +53,24 @@ def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds warnings about files that could not be written to a summary, and writes the summary's file again.
+    """Adds warnings about files that could not be written to a summary and its file, and to run.log if it lies beside it.
 
     Args:
-        path: the summary's JSON file; it is not written if there are no warnings.
+        path: the summary's JSON file; nothing is written if there are no warnings.
         summary: content of this file, to which the warnings are added.
         warnings: what could not be written, and why.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: a file cannot be written.
     """
-    if warnings:
-        summary["warnings"] += warnings
-        write_json(path, summary)
+    if not warnings:
+        return
+    summary["warnings"] += warnings
+    write_json(path, summary)
+    log = path.with_name("run.log")
+    if log.is_file():
+        added = "".join(f"warning: {show(warning)}\n" for warning in warnings)
+        write_text(log, log.read_text(encoding="utf-8") + added)
 
 
 def format_log(title: str, lines: Sequence[str]) -> str:

@@ -40,7 +40,16 @@ from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free
 from mqslam.psi.ranging import RangeErrors
 from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
-from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
+from mqslam.results.files import (
+    TRUTH,
+    add_warnings,
+    format_csv,
+    format_log,
+    list_notes,
+    list_stages,
+    list_verdict,
+    write_truth,
+)
 from mqslam.results.run_verdict import judge_run, list_unknowns
 from mqslam.solution import Run, Solution
 from mqslam.version import __version__
@@ -144,12 +153,16 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
     Raises:
         OutputError: a file cannot be written.
     """
-    notes = recording.notes
     for name, track in (("trajectory.tum", run.optimised), ("odometry.tum", run.odometry)):
         write_tum(folder / name, recording.complete(track))
     write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
-    _write_numbers(folder, summary, notes)
+    dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
+    lines = list_notes(summary, [*recording.notes, *list_sensor_notes(summary)])
+    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
+    title = f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"
+    write_text(folder / "run.log", format_log(title, [*lines, *list_stages(summary), *list_verdict(summary)]))
+    write_json(folder / "summary.json", summary)
     failures: list[str] = []
     with tolerate(TRUTH, failures):
         write_truth(folder, run.optimised, recording.ground_truth)
@@ -176,24 +189,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
     if run.georeference is not None:
         with tolerate("trajectory.geojson", failures):
             write_geojson(folder / "trajectory.geojson", run.optimised, run.georeference)
-    add_warnings(folder, summary, notes, failures)
-
-
-def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> None:
-    """Adds warnings about files that could not be written to summary.json and run.log, and writes both files again.
-
-    Args:
-        folder: the folder of the results.
-        summary: content of summary.json, to which the warnings are added.
-        notes: notes on how the recording was interpreted.
-        warnings: what could not be written, and why.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
-    if warnings:
-        summary["warnings"] += warnings
-        _write_numbers(folder, summary, notes)
+    add_warnings(folder / "summary.json", summary, failures)
 
 
 def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovariances) -> None:
@@ -266,16 +262,6 @@ def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
         return "cauchy", CAUCHY
     return "huber", HUBER
-
-
-def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
-    """Writes run.log and summary.json, the two files that hold the warnings; the log also holds `notes`."""
-    dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
-    lines = list_notes(summary, [*notes, *list_sensor_notes(summary)])
-    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
-    title = f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"
-    write_text(folder / "run.log", format_log(title, [*lines, *list_stages(summary), *list_verdict(summary)]))
-    write_json(folder / "summary.json", summary)
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
