@@ -304,8 +304,9 @@ def judge_registrations(
 
     The covariance from psi's curvature is too small by a factor that depends on the surroundings. The usual difference
     between neighbouring revisits shows this factor. A drift of the trajectory moves neighbouring revisits alike, so it does
-    not change the factor. A revisit is torn beyond fixed limits (`is_torn`). But if the trajectory states covariances and
-    there is a p-value, it is torn if it is off by more than chance explains and by more than `settings.jump_m`.
+    not change the factor. A sure revisit is torn if its inflation, and its offset in position or in yaw, are above fixed
+    limits. But if the trajectory states covariances and there is a p-value, it is torn if it is off by more than chance
+    explains and by more than `settings.jump_m`.
     """
     if not registrations:
         return []
@@ -327,26 +328,27 @@ def judge_registrations(
     if freedom > 0.0:
         p_values[sure] = compute_p_values(inflations[sure], freedom)
     p_values = correct_for_places(p_values)
-    chance = share_of_false_alarms(limits)
-    audited = []
-    for k, one in enumerate(registrations):
-        revisit = RevisitAudit(
+    is_far = (np.hypot(*total.offsets[:, :2].T) > settings.torn_m) | (np.abs(total.offsets[:, 2]) > settings.torn_rad)
+    torn = sure & is_far & (inflations > TORN_INFLATION)  # by fixed limits, which need no p-values
+    excused = np.zeros_like(torn)
+    if known is not None:
+        is_large = np.array([one.size_m for one in registrations]) > settings.jump_m
+        torn = np.where(np.isfinite(p_values), is_large & (p_values < share_of_false_alarms(limits)), torn)
+        excused = ~torn & sure & is_far & (measured.inflations > TORN_INFLATION)
+    return [
+        RevisitAudit(
             registration=one,
             covariance=total.covariances[k],
             heading=float(total.poses[k, 2]),
             inflation=float(inflations[k]),
             sure=bool(sure[k]),
+            torn=bool(torn[k]),
             p_value=float(p_values[k]),
             stated_covariance=None if known is None else known[k],
+            excused=bool(excused[k]),
         )
-        torn = is_torn(revisit, settings)  # by fixed limits, which need no p-values
-        excused = False
-        if known is not None:
-            if np.isfinite(revisit.p_value):
-                torn = revisit.p_value < chance and one.size_m > settings.jump_m  # by the stated covariance
-            excused = not torn and is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
-        audited.append(replace(revisit, torn=torn, excused=excused))
-    return audited
+        for k, one in enumerate(registrations)
+    ]
 
 
 def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
@@ -402,13 +404,6 @@ def _register_pair(shared: Shared, pair: tuple[int, int]) -> Registration | None
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
     return register(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, _RIVAL_SIGMAS)
-
-
-def is_torn(revisit: RevisitAudit, settings: AuditConfig) -> bool:
-    """Returns whether a sure revisit's inflation, and its offset in position or in yaw, are above fixed limits."""
-    beyond = revisit.inflation > TORN_INFLATION
-    far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
-    return bool(revisit.sure and beyond and far)
 
 
 def pick_passes(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:

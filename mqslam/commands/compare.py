@@ -112,8 +112,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
         chosen = _choose_gyroscope(recording, imu, frontends)
         if isinstance(recording, LidarRecording):
-            lidar = prepare_lidar(recording, settings, Inputs(odometry, imu))
-            recording, track, unused, settings = lidar.recording, lidar.odometry, list(lidar.warnings), lidar.settings
+            recording, track, settings, unused = prepare_lidar(recording, settings, Inputs(odometry, imu))
         else:
             track, unused = choose_odometry(recording, odometry, recording.mount)
         sensors, warnings = chosen.sensor, [*unused, *chosen.faults]

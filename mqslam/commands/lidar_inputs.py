@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
@@ -18,27 +17,9 @@ from mqslam.errors import ConfigError
 _OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "clockwise", "stamp", "encoder_size")  # in section sensor
 
 
-@dataclass(frozen=True, slots=True)
-class PreparedLidar:
-    """A lidar's recording that is ready for a run, with its odometry and settings.
-
-    Args:
-        recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
-        odometry: the odometry that the run uses, or None.
-        settings: all settings, with lengths that are fitted to the scans.
-        warnings: sentences on why the recording's odometry is not used, if it has some and the user wants it, and on
-            settings that have no effect on lidars.
-    """
-
-    recording: LidarRecording
-    odometry: Trajectory | None
-    settings: Config
-    warnings: tuple[str, ...]
-
-
 def prepare_lidar(
     recording: LidarRecording, settings: Config, inputs: Inputs = USUAL_INPUTS, unit_m: float | None = None
-) -> PreparedLidar:
+) -> tuple[LidarRecording, Trajectory | None, Config, list[str]]:
     """Prepares a lidar's recording for a run, and fits the settings to it.
 
     Args:
@@ -46,6 +27,11 @@ def prepare_lidar(
         settings: settings as they were given.
         inputs: the choice of odometry; all other inputs must be left at their defaults or switched off.
         unit_m: unit of length of the computations [m]; None measures the unit from the ranges of the scans.
+
+    Returns:
+        (1) The recording, with scans as `mqslam.detection.surfaces.prepare` makes them, (2) the odometry that the run uses,
+        or None, (3) all settings, with lengths that are fitted to the scans, and (4) sentences on why the recording's
+        odometry is not used, if it has some and the user wants it, and on settings that have no effect on lidars.
 
     Raises:
         ConfigError: an input is given that only radars use.
@@ -66,4 +52,4 @@ def prepare_lidar(
     if idle:
         unused = [*unused, f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"]
     prepared = prepare(recording, track, unit_m)
-    return PreparedLidar(prepared, track, fit_to_lidar(settings, prepared.scans), tuple(unused))
+    return prepared, track, fit_to_lidar(settings, prepared.scans), unused

@@ -178,8 +178,8 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
     frontends.require(frontend)
     recording = open_radar_or_lidar(data, format, range_resolution, settings, strict=strict, span=span)
     if isinstance(recording, LidarRecording):
-        lidar = prepare_lidar(recording, settings, inputs, unit_m)
-        return Job(lidar.recording, lidar.odometry, lidar.settings, frontend, False, lidar.warnings)
+        prepared, track, settings, unused = prepare_lidar(recording, settings, inputs, unit_m)
+        return Job(prepared, track, settings, frontend, False, tuple(unused))
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
     track, unused = choose_odometry(recording, inputs.odometry, sensors.mount)

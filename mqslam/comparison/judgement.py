@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -135,10 +136,9 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
         poses = track.at(stamps)
         through.append(se2.wrapped_between(poses[begins], poses[begins + size - 1]))
     apart, lever_m = np.zeros(len(begins)), _LEVER_M * (scans.unit_m or 1.0)
-    for i, a in enumerate(through):
-        for b in through[i + 1 :]:
-            off = se2.subtract(a, b)
-            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), lever_m * off[:, 2]))
+    for a, b in combinations(through, 2):
+        off = se2.subtract(a, b)
+        apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), lever_m * off[:, 2]))
     chosen: list[int] = []
     for k in np.argsort(-apart, kind="stable").tolist():
         if all(abs(k - other) > _PLACES_APART for other in chosen):
@@ -244,10 +244,9 @@ def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
     A pair is left out if fewer than 3 stamps of the second row lie in the time span of the first row.
     """
     pairs = []
-    for i, a in enumerate(rows):
-        for b in rows[i + 1 :]:
-            assert a.trajectory is not None and b.trajectory is not None
-            errors = evaluate(a.trajectory, b.trajectory)
-            if errors is not None:
-                pairs.append((a.name, b.name, errors))
+    for a, b in combinations(rows, 2):
+        assert a.trajectory is not None and b.trajectory is not None
+        errors = evaluate(a.trajectory, b.trajectory)
+        if errors is not None:
+            pairs.append((a.name, b.name, errors))
     return pairs

@@ -69,8 +69,7 @@ class SampledDrive(Drive):
 
     def poses(self, times: Times) -> se2.Array:
         """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s] in the scene's frame."""
-        i, f, step = self._find_intervals(times)
-        a, b, ra, rb = self._ends(i, step)
+        f, _, a, b, ra, rb = self._find_intervals(times)
         return (
             (1.0 + 2.0 * f) * (1.0 - f) ** 2 * a
             + f * (1.0 - f) ** 2 * ra
@@ -80,28 +79,25 @@ class SampledDrive(Drive):
 
     def twists(self, times: Times) -> se2.Array:
         """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
-        i, f, step = self._find_intervals(times)
-        a, b, ra, rb = self._ends(i, step)
+        f, step, a, b, ra, rb = self._find_intervals(times)
         rate = (6.0 * f * (1.0 - f) * (b - a) + (1.0 - f) * (1.0 - 3.0 * f) * ra + f * (3.0 * f - 2.0) * rb) / step
         yaw = self.poses(times)[:, 2]
         c, s = np.cos(yaw), np.sin(yaw)
         ahead, left = c * rate[:, 0] + s * rate[:, 1], c * rate[:, 1] - s * rate[:, 0]
         return np.column_stack([ahead, left, rate[:, 2]])
 
-    def _find_intervals(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
+    def _find_intervals(self, times: Times) -> tuple[Times, Times, se2.Array, se2.Array, se2.Array, se2.Array]:
         """Finds the intervals between samples for times (N,) [s].
 
         Returns:
-            (1) The index (N,) of each interval, (2) the share (N, 1) of the interval that has passed at the time, (3) the
-            duration (N, 1) of the interval [s]. Beyond the samples, the share is below 0 or above 1.
+            (1) The share (N, 1) of each interval that has passed at the time, below 0 or above 1 beyond the samples, (2) the
+            duration (N, 1) of the interval [s], (3, 4) the samples (N, 3) at its ends, and (5, 6) the rates (N, 3) at its
+            ends, multiplied by the duration.
         """
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]
-        return i, (times - self.times[i])[:, None] / step, step
-
-    def _ends(self, i: NDArray[np.intp], step: Times) -> tuple[se2.Array, se2.Array, se2.Array, se2.Array]:
-        """Returns the samples (N, 3) at both ends of intervals `i` (N,), and the rates at both ends multiplied by `step`."""
-        return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
+        share = (times - self.times[i])[:, None] / step
+        return share, step, self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
 def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
