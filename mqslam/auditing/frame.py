@@ -22,7 +22,6 @@ from mqslam.auditing.speeds import check_speed, contradicts, find_capture_range
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit, audit_window
-from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 
@@ -130,25 +129,17 @@ _READINGS: Final = (
 )
 
 
-def judge_readings(
-    sweeps: Sweeps,
-    windows: Sequence[WindowAudit],
-    place: Place,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-) -> Finding:
+def judge_readings(shared: Shared, windows: Sequence[WindowAudit], place: Place, engine: Engine) -> Finding:
     """Judges whether a map is torn because its trajectory is mirrored, counts yaw the other way or has no headings.
 
     Args:
-        sweeps: points under the trajectory to judge.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         windows: windows of the map, which passes if fewer than `_LEAST_TORN` are torn. If more are torn, but fewer turn, the
             test could not judge anything.
         place: returns the points of the map under other poses (M, 3) of the track.
-        settings: settings of the audit.
-        estimator: settings of the score.
         engine: where windows are judged; the result does not depend on it.
     """
+    sweeps, settings, estimator = shared
     track = sweeps.track
     assert track is not None  # a cloud without a trajectory has no poses to read
     if sum(window.torn for window in windows) < _LEAST_TORN:

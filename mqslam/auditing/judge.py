@@ -27,9 +27,9 @@ from mqslam.auditing.findings import (
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
 from mqslam.auditing.gyroscope_check import check_gyroscope, judge_gyroscope
 from mqslam.auditing.own_test import judge_by
-from mqslam.auditing.registration import Registration
+from mqslam.auditing.registration import Registration, Shared
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
-from mqslam.auditing.sizes import STEP_SCANS, WINDOW
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.spans.measured import explain_few_spans, register_spans
 from mqslam.auditing.spans.pooled import Pooled, measure_twists, pool, predict_offsets
 from mqslam.auditing.spans.sums import SumAudit, audit_sums, find_bends
@@ -188,7 +188,7 @@ def audit(
         tests["revisits"] = [judge_locally(windows)]
     else:
         registrations = register_spans(shared, ~interpolated, engine, progress)
-        twists = measure_twists(sweeps, STEP_SCANS)
+        twists = measure_twists(sweeps)
         pooled = pool(registrations, twists)
         spans = audit_spans(registrations, _expect(registrations, twists, pooled, limits), sweeps.times, settings, limits)
         sums = audit_sums(spans, sweeps, settings, limits)
@@ -197,13 +197,13 @@ def audit(
         path_m = float(sweeps.travelled[-1])
         few = explain_few_spans(registrations, sweeps)
         tests |= {
-            "frame": _judge_frame(sweeps, windows, known.place, settings, estimator, engine),
+            "frame": _judge_frame(shared, windows, known.place, engine),
             "spans": [judge_spans(spans, settings, limits, few)],
             "sums": [judge_sums(sums, path_m, settings, limits)],
             "pooled": [
                 judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s, is_of_run=known.is_of_run, few=few)
             ],
-            "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
+            "shaking": [judge_shaking(shared, windows, limits, engine)],
             "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
             "sensors": list(known.sensors),
         }
@@ -277,18 +277,12 @@ def _shows(step: StepAudit, jump: Jump, settings: AuditConfig) -> bool:
     return fits and is_large and jump.t0 <= step.t <= jump.t1 + (jump.t1 - jump.t0)
 
 
-def _judge_frame(
-    sweeps: Sweeps,
-    windows: Sequence[WindowAudit],
-    place: Place | None,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-) -> list[Finding]:
+def _judge_frame(shared: Shared, windows: Sequence[WindowAudit], place: Place | None, engine: Engine) -> list[Finding]:
     """Judges whether a trajectory is in the frame of its finished cloud and, if `place` is given, whether it is mirrored."""
+    sweeps = shared[0]
     findings = [judge_frame(sweeps)] if sweeps.is_finished else []
     if place is not None:
-        findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))
+        findings.append(judge_readings(shared, windows, place, engine))
     return findings
 
 

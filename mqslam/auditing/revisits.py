@@ -22,7 +22,7 @@ from mqslam.auditing.verdict import Share
 from mqslam.backend.loops.passes import LATER_SHARE, find_passes, pick_around
 from mqslam.backend.loops.rigid import LEAST_COVARIANCE
 from mqslam.backend.marginals import RelativeCovariances
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
@@ -100,10 +100,11 @@ def find_agreeing(
     searched_m: NDArray[np.float64],
     most_m: float,
     same_m: float,
-    probability: float,
 ) -> NDArray[np.bool_]:
     """Finds series of successive offsets, each of which agrees with the next, that are too long to agree by chance.
 
+    Two offsets agree up to the chi-square quantile of `PROBABILITY`. A series counts if the probability that it agrees by
+    chance is below 1 - `PROBABILITY`.
     A series ends where the passes could also agree on another offset, as in streets that repeat.
 
     Args:
@@ -113,23 +114,20 @@ def find_agreeing(
         searched_m: (N,) how far around the trajectory's own pose each offset was searched for [m].
         most_m: longest path between two successive offsets of a series [m].
         same_m: two offsets that are at most this far apart count as one [m].
-        probability: two offsets agree up to the chi-square quantile of this probability. A series counts if the probability
-            that it agrees by chance is below 1 minus this one.
 
     Returns:
         (N,) which offsets belong to such a series.
     """
     found = np.zeros(len(given.offsets), dtype=np.bool_)
-    limit = float(chi2.ppf(probability, 3))
     begin, chance = 0, 1.0
     for k in range(1, len(given.offsets) + 1):
         here = 0.0
         if k < len(given.offsets) and usable[k - 1 : k + 1].all():
-            here = _chance_of_agreement(given, k, rivals, searched_m[k], most_m, same_m, limit)
+            here = _chance_of_agreement(given, k, rivals, searched_m[k], most_m, same_m)
         if here > 0.0:
             chance *= here
             continue
-        if k - begin >= _LEAST and chance < 1.0 - probability:
+        if k - begin >= _LEAST and chance < 1.0 - PROBABILITY:
             found[begin:k] = True
         begin, chance = k, 1.0
     return found
@@ -142,22 +140,21 @@ def _chance_of_agreement(
     searched_m: float,
     most_m: float,
     same_m: float,
-    limit: float,
 ) -> float:
     """Returns the probability that offsets k - 1 and k agree by chance; 0 if they do not agree, or on other offsets as well.
 
-    The arguments are those of `find_agreeing`; `limit` is the largest squared Mahalanobis distance at which offsets agree.
+    The arguments are those of `find_agreeing`.
     """
     if np.abs(given.places[k] - given.places[k - 1]).max() > most_m:
         return 0.0
     off, covariance = given.differ(k - 1, k)
-    if off @ np.linalg.solve(covariance, off) > limit:
+    if off @ np.linalg.solve(covariance, off) > TORN_INFLATION:
         return 0.0
     carried = rivals[k - 1] @ given.carry(k - 1, k).T
     apart = np.hypot(*np.moveaxis(carried[:, None, :2] - rivals[k][None, :, :2], -1, 0))
     if (apart <= same_m).any():
         return 0.0
-    return min(limit * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
+    return min(TORN_INFLATION * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
 
 
 # A revisit is sure only if the score of the next best pose is worse by this many standard deviations of the difference
@@ -274,7 +271,7 @@ def audit_revisits(
     """
     pairs = find_revisit_pairs(*shared[:2])
     registered = engine.map(_register_pair, shared, pairs, count_items(progress, "revisits", len(pairs)))
-    return judge_registrations([one for one in registered if one is not None], *shared, limits, stated)
+    return judge_registrations([one for one in registered if one is not None], shared, limits, stated)
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
@@ -294,9 +291,7 @@ def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[n
 
 def judge_registrations(
     registrations: Sequence[Registration],
-    sweeps: Sweeps,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
+    shared: Shared,
     limits: VerdictConfig,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
@@ -310,6 +305,7 @@ def judge_registrations(
     """
     if not registrations:
         return []
+    sweeps, settings, estimator = shared
     measured, freedom = _measure_offsets(registrations, sweeps, settings)
     sure = np.array([one.unrivalled and not len(one.rivals) for one in registrations])
     sure |= find_agreeing(
@@ -319,7 +315,6 @@ def judge_registrations(
         np.array([compute_reach(one.path_m, settings)[0] for one in registrations]),
         settings.least_path_m,
         compute_same_m(estimator),
-        PROBABILITY,
     )
     known = stated.relate([(one.earlier, one.later) for one in registrations]) if stated is not None else None
     total = measured if known is None else replace(measured, covariances=measured.covariances + known)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mqslam.auditing.sizes import WINDOW
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.refinement import SAMPLE_M, find_crossings, measure_psi_across
@@ -93,8 +92,8 @@ def compare_rows(
     common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
     shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on these scans only"
-    places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None], WINDOW)
-    stations = pick_stations(common, WINDOW)
+    places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None])
+    stations = pick_stations(common)
     judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)
     shown, judged = judge.judge_all(rows)
     best = find_best([Standing.of(row) for row in judged.values()])

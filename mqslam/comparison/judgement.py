@@ -117,7 +117,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     return scans.take(sorted(inside))
 
 
-def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
+def find_places(scans: Scans, tracks: Sequence[Trajectory]) -> list[Place]:
     """Finds the windows over which the motions of the trajectories differ most; the largest difference comes first.
 
     There are at most `_PLACES` windows, and at least `_PLACES_APART` other windows lie between two of them.
@@ -125,16 +125,15 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
     Args:
         scans: scans that every trajectory covers.
         tracks: the trajectories; fewer than two give no places.
-        size: number of scans of a window.
     """
     stamps = scans.stamps_us
-    begins = np.arange(0, len(scans) - size + 1, size)
+    begins = np.arange(0, len(scans) - WINDOW + 1, WINDOW)
     if len(tracks) < 2 or not len(begins):
         return []
     through = []
     for track in tracks:
         poses = track.at(stamps)
-        through.append(se2.wrapped_between(poses[begins], poses[begins + size - 1]))
+        through.append(se2.wrapped_between(poses[begins], poses[begins + WINDOW - 1]))
     apart, lever_m = np.zeros(len(begins)), _LEVER_M * (scans.unit_m or 1.0)
     for a, b in combinations(through, 2):
         off = se2.subtract(a, b)
@@ -145,15 +144,15 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
             chosen.append(k)
         if len(chosen) == _PLACES:
             break
-    spans = [(int(begins[k]), int(begins[k]) + size, float(apart[k])) for k in chosen]
+    spans = [(int(begins[k]), int(begins[k]) + WINDOW, float(apart[k])) for k in chosen]
     return [Place(a, b, scans[a].t0, scans[b - 1].t1, off) for a, b, off in spans]
 
 
-def pick_stations(scans: Scans, size: int) -> list[Place]:
-    """Returns places evenly spread over time, each a window of `size` scans, whether the rows differ there or not."""
-    begins = np.arange(0, len(scans) - size + 1, size)
+def pick_stations(scans: Scans) -> list[Place]:
+    """Returns places evenly spread over time, each a window of `WINDOW` scans, whether the rows differ there or not."""
+    begins = np.arange(0, len(scans) - WINDOW + 1, WINDOW)
     chosen = begins[pick_evenly(len(begins), _STATIONS)]
-    return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
+    return [Place(k, k + WINDOW, scans[k].t0, scans[k + WINDOW - 1].t1, 0.0) for k in chosen.tolist()]
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def judge(change: Callable[[se2.Array], se2.Array]) -> tuple[VerdictStatus, str]
         recording, scans = block_drive()
         return place_sweeps(scans, Trajectory(recording.ground_truth.stamps_us, poses), BEAM)[0]
 
-    finding = judge_readings(sweeps, windows, place_poses, *sections, engine)
+    finding = judge_readings((sweeps, *sections), windows, place_poses, engine)
     return finding.status, finding.explanation
 
 
@@ -82,5 +82,5 @@ def test_too_few_windows_that_turn_show_no_mirror_and_are_not_judged() -> None:
     windows = [
         replace(w, torn=True) for w in audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), engine, ignore_progress)
     ]
-    finding = judge_readings(straight, windows, lambda _: sweeps, CONFIG.audit, CONFIG.estimator, engine)
+    finding = judge_readings((straight, CONFIG.audit, CONFIG.estimator), windows, lambda _: sweeps, engine)
     assert not finding.judged and finding.reason.endswith("tear the map; all poses look the same way")

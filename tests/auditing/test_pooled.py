@@ -14,7 +14,6 @@ from support.laser_drive import drive_truth, write_laser_bag
 
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.registration import Registration
-from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sources import make_lidar_source, place_source
 from mqslam.auditing.spans.measured import SPAN_M, find_spans, register_spans
 from mqslam.auditing.spans.pooled import _LEVER_TURNS, Pooled, measure_twists, pool
@@ -61,7 +60,7 @@ def pooled(
     sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = register_spans((sweeps, CONFIG.audit, CONFIG.estimator), known, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, STEP_SCANS))
+    found = pool(spans, measure_twists(sweeps))
     assert found is not None
     return found
 
@@ -245,7 +244,7 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
     spans = register_spans((sweeps, config.audit, config.estimator), known, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, STEP_SCANS))
+    found = pool(spans, measure_twists(sweeps))
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged
 

@@ -63,7 +63,7 @@ def lay_passes(
 
 def judged(sweeps: Sweeps, registrations: list[Registration], sigma_m: float | None = None) -> list[RevisitAudit]:
     stated = None if sigma_m is None else Alike(sigma_m)
-    return judge_registrations(registrations, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, stated)
+    return judge_registrations(registrations, (sweeps, CONFIG.audit, CONFIG.estimator), CONFIG.verdict, stated)
 
 
 @pytest.mark.parametrize("count", [12, 40])

@@ -44,7 +44,7 @@ def registered(shift_m: float, scans: int | None = None) -> Sweeps:
 
 def judged(sweeps: Sweeps) -> Finding:
     windows = audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), HERE, ignore_progress)
-    return judge_shaking(sweeps, windows, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE)
+    return judge_shaking((sweeps, CONFIG.audit, CONFIG.estimator), windows, CONFIG.verdict, HERE)
 
 
 def test_a_right_trajectory_does_not_shake() -> None:

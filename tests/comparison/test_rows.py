@@ -90,7 +90,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     tracks = [r.trajectory for r in rows]
     common = take_common_scans(rows, scans)
     assert len(common) == len(scans)
-    where = find_places(common, tracks, 6)
+    where = find_places(common, tracks)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
     judge = Judge(common, truth, where, CONFIG, BEAM, HERE, lambda *_: None)
     result = [judge.judge(r) for r in rows]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from mqslam.auditing.registration import Registration
+from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.robust import HUBER, Estimate, fit_by_jackknife, fit_effects, measure_spread, split_into_blocks
 from mqslam.auditing.sweeps import Sweeps
@@ -158,11 +159,11 @@ def estimate_lever(
     return fit_by_jackknife(lambda *given: fit_effects(*given)[:2], (design, offsets), turns)
 
 
-def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
-    """Returns the mean twists (S, 3) of the sensor [m/s, m/s, rad/s] over `about` sweeps around every sweep."""
-    count, half = len(sweeps), about // 2
+def measure_twists(sweeps: Sweeps) -> NDArray[np.float64]:
+    """Returns the mean twists (S, 3) of the sensor [m/s, m/s, rad/s] over `STEP_SCANS` sweeps around every sweep."""
+    count, half = len(sweeps), STEP_SCANS // 2
     first = np.maximum(np.arange(count) - half, 0)
-    last = np.minimum(np.arange(count) + about - half, count - 1)
+    last = np.minimum(np.arange(count) + STEP_SCANS - half, count - 1)
     first = np.minimum(first, np.maximum(last - 1, 0))
     moved = se2.wrapped_between(sweeps.poses[first], sweeps.poses[last])
     lasts = np.maximum(sweeps.times[last] - sweeps.times[first], sweeps.revolution_s)

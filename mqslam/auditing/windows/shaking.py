@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
+from mqslam.auditing.registration import Shared
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.table import share_of_false_alarms, tolerate_window
+from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.auditing.windows.inflation import count_in_sweeps
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.psi.minimiser import final_scale
@@ -32,36 +33,28 @@ _SIDE: Final = 3  # a parabola is fitted to a pose and this many poses on either
 _Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its smoothed poses (S, 3), and the settings of the score
 
 
-def judge_shaking(
-    sweeps: Sweeps,
-    windows: Sequence[WindowAudit],
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    limits: VerdictConfig,
-    engine: Engine,
-) -> Finding:
+def judge_shaking(shared: Shared, windows: Sequence[WindowAudit], limits: VerdictConfig, engine: Engine) -> Finding:
     """Judges whether the poses of a map jump to and fro.
 
     The verdict is `warn` if smoother poses make the map crisper by more than chance explains, and are off the given poses by
     more than `settings.bend_m` in the median.
 
     Args:
-        sweeps: points under the trajectory to judge; their `track` is not None.
+        shared: points under the trajectory to judge, whose `track` is not None, settings of the audit and settings of the
+            score.
         windows: windows in which the map is compared with the map under smoothed poses; undecided windows are left out.
-        settings: settings of the audit.
-        estimator: settings of the score.
         limits: settings of the verdict.
         engine: where the windows are scored; the result does not depend on it.
     """
+    sweeps, settings, estimator = shared
     smoothed = smooth_poses(sweeps)
     spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
     if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # chance would explain even that smoothing helps in all windows
-        most_m, _ = tolerate_window(settings)
-        reason = f"noise of the poses: too few windows show it, so that noise of up to {most_m:g} m per scan could hide"
+        hidden = f"noise of up to {settings.bend_m:g} m per scan could hide"
+        reason = f"noise of the poses: too few windows show it, so that {hidden}"
         return Finding(VerdictStatus.PASS, reason, judged=False)
-    shared = sweeps, smoothed, estimator
-    rises = np.array(engine.map(_measure_rise, shared, spans))
+    rises = np.array(engine.map(_measure_rise, (sweeps, smoothed, estimator), spans))
     p_value = float(wilcoxon(rises, alternative="greater").pvalue) if rises.any() else 1.0
     off = se2.between(sweeps.poses, smoothed)
     off_m = float(np.nanmedian(np.hypot(off[:, 0], off[:, 1])))

@@ -140,7 +140,6 @@ def agreeing(
         np.full(count, searched_m),
         60.0,
         1.5,
-        0.999,
     )
     return list(found.tolist())
 
