@@ -51,7 +51,7 @@ from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
 from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, Config, VerdictConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope
@@ -138,9 +138,7 @@ def _divide(psi: float, best: float) -> float | None:
 
 def audit(
     sweeps: Sweeps,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    limits: VerdictConfig,
+    config: Config,
     engine: Engine,
     progress: Progress,
     sampled: int | None = None,
@@ -150,9 +148,7 @@ def audit(
 
     Args:
         sweeps: points of the map under the trajectory.
-        settings: settings of the audit.
-        estimator: settings of the score.
-        limits: settings of the verdict.
+        config: all settings.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as parts of the map are done.
         sampled: largest number of windows to judge, evenly spread; None judges all windows.
@@ -161,7 +157,8 @@ def audit(
     Raises:
         ConfigError: a test that the user added stops with an error, or does not return findings.
     """
-    settings = apply_tolerance(settings, limits)
+    estimator, limits = config.estimator, config.verdict
+    settings = apply_tolerance(config.audit, limits)
     shared = sweeps, settings, estimator
     windows = audit_windows(shared, engine, progress, sampled)
     track = sweeps.track
@@ -238,9 +235,8 @@ def audit_trajectory(
     sensors = [] if gyroscope is None else [judge_gyroscope(check_gyroscope(gyroscope, scans, trajectory))]
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
-    sections = config.audit, config.estimator, config.verdict
     known = Known(stated, sensors=sensors, is_of_run=True)
-    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, known)
+    return audit(sweeps, config, runner.engine, runner.progress, _SAMPLED_WINDOWS, known)
 
 
 def _expect(

@@ -192,8 +192,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             **summarise(
                 judged,
                 sweeps,
-                settings.audit,
-                settings.verdict,
+                settings,
                 dataset,
                 None if sweeps.track is None else name,
                 warnings,
@@ -392,8 +391,7 @@ def _judge_sweeps(
     """
     sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
     known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors, own)
-    sections = settings.audit, settings.estimator, settings.verdict
-    return judge.audit(shown, *sections, work.engine, work.progress, known=known)
+    return judge.audit(shown, settings, work.engine, work.progress, known=known)
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:

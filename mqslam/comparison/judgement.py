@@ -205,15 +205,14 @@ class Judge:
         def show(stage: str, done: int, total: int) -> None:
             self.progress(f"{stage}: {row.name}", done, total)
 
-        audit_config, estimator, verdict = self.settings.audit, self.settings.estimator, self.settings.verdict
         sweeps, _ = place_sweeps(scans, row.trajectory, beam)
-        rendered = render(scans, sweeps.poses, estimator, beam, engine)
+        rendered = render(scans, sweeps.poses, self.settings.estimator, beam, engine)
         return JudgedRow(
             row=row,
             map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
             psi_per_point=rendered.psi_per_point,
             matched=rendered.matched_share,
-            audit=audit(sweeps, audit_config, estimator, verdict, engine, show),
+            audit=audit(sweeps, self.settings, engine, show),
             before=None if truth is None else evaluate(row.odometry, truth),
             after=None if truth is None else evaluate(row.trajectory, truth),
             nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),

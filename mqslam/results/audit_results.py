@@ -29,7 +29,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import SCALE_WARN, apply_tolerance, share_of_false_alarms
 from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import Undecided, share_torn
-from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
+from mqslam.config import Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of, describe_times
 from mqslam.execution.files import write_json, write_text
@@ -145,11 +145,10 @@ def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[d
     return rows
 
 
-def summarise(  # noqa: PLR0913 - these are all parts of audit.json
+def summarise(
     audit: Audit,
     sweeps: Sweeps,
-    settings: AuditConfig,
-    bounds: VerdictConfig,
+    config: Config,
     dataset: Mapping[str, Any],
     trajectory: str | None,
     warnings: Sequence[str] = (),
@@ -162,8 +161,7 @@ def summarise(  # noqa: PLR0913 - these are all parts of audit.json
     Args:
         audit: judgement of the map.
         sweeps: the points that were judged, with their times.
-        settings: settings of the audit.
-        bounds: settings of the verdict.
+        config: all settings.
         dataset: format and path of what was audited.
         trajectory: source of the trajectory; None for a point cloud without a trajectory.
         warnings: warnings that a reader must know before the numbers.
@@ -192,7 +190,7 @@ def summarise(  # noqa: PLR0913 - these are all parts of audit.json
         "verdict": audit.verdict._asdict(),
         "not_judged": list_unjudged(audit) + _list_uncovered(sweeps, is_part=is_part),
         "threshold": TORN_INFLATION,
-        "bend_m": apply_tolerance(settings, bounds).bend_m,
+        "bend_m": apply_tolerance(config.audit, config.verdict).bend_m,
         "speeds": _summarise_speeds(audit),
         "windows": {
             "count": len(audit.windows),
@@ -204,7 +202,7 @@ def summarise(  # noqa: PLR0913 - these are all parts of audit.json
         },
         "revisits": revisits if sweeps.track is not None else None,
         **summarise_audit(audit),
-        **summarise_tests(audit.tests, bounds),
+        **summarise_tests(audit.tests, config.verdict),
         "extrinsics": None if extrinsics is None else list(extrinsics),
         "baseline": None,
         "warnings": list(warnings),
@@ -233,8 +231,7 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config, *
         is_part: whether only a stretch of the recording was asked for.
     """
     judged = mended.result
-    sections, of = (config.audit, config.verdict), (given["dataset"], given["trajectory"])
-    own = summarise(judged.audit, judged.sweeps, *sections, *of, is_part=is_part)
+    own = summarise(judged.audit, judged.sweeps, config, given["dataset"], given["trajectory"], is_part=is_part)
     return {
         "sentence": describe_mended(mended, given),
         "rounds": mended.rounds,

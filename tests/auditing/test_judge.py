@@ -23,7 +23,6 @@ from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
@@ -36,7 +35,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), BEAM)
-    return audit(sweeps, *SETTINGS, LocalEngine(jobs), ignore_progress)
+    return audit(sweeps, CONFIG, LocalEngine(jobs), ignore_progress)
 
 
 def test_the_true_map_passes() -> None:
@@ -57,7 +56,7 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
     poses[len(poses) // 2 :, 0] += jump_m
     sparse = Trajectory(truth.stamps_us[::4], poses[::4])
     sweeps, _ = place_sweeps(scans, sparse, BEAM)
-    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+    judgement = audit(sweeps, CONFIG, LocalEngine(2), ignore_progress)
     assert judgement.verdict.status == status, judgement.verdict.reasons
     assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
     if status == "pass":  # nothing is claimed of steps in turns, where a jump may be interpolation's
@@ -75,7 +74,7 @@ def test_a_jump_of_the_poses_fails_a_short_map_only_if_its_scans_show_it(is_show
     sweeps, _ = place_sweeps(few, Trajectory(truth.stamps_us, jumped if is_shown else truth.poses), BEAM)
     assert sweeps.track is not None
     sweeps = replace(sweeps, track=replace(sweeps.track, poses=jumped))
-    judgement = audit(sweeps, *SETTINGS, HERE, ignore_progress)
+    judgement = audit(sweeps, CONFIG, HERE, ignore_progress)
     (finding,) = judgement.tests["trajectory"]
     assert finding.status == ("fail" if is_shown else "warn") and "no vehicle moves like that" in finding.reason
     assert not judgement.tests["steps"][0].judged
@@ -106,7 +105,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), BEAM)
-    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+    judgement = audit(sweeps, CONFIG, LocalEngine(2), ignore_progress)
     assert judgement.verdict.status == "fail", judgement.verdict.reasons
 
 
@@ -147,7 +146,7 @@ def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["one", "two", "one object", "at the sensor", "one direction", "one wall"])
 def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, beside: str | None, speed: float) -> None:
     rng = np.random.default_rng(3)
-    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, ignore_progress)
+    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), CONFIG, HERE, ignore_progress)
     (scan,) = judgement.windows
     assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
     assert scan.bend.inflation >= 0.0
@@ -156,7 +155,7 @@ def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, b
 
 def test_windows_without_a_point_are_left_out() -> None:
     rng = np.random.default_rng(3)
-    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, ignore_progress)
+    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), CONFIG, HERE, ignore_progress)
     assert [(w.begin, w.end) for w in judgement.windows] == [(0, 6), (18, 24), (19, 25)]
 
 

@@ -40,8 +40,7 @@ def place(trajectory: Trajectory) -> Sweeps:
 
 
 def judge(sweeps: Sweeps, jobs: int = 2) -> Audit:
-    sections = CONFIG.audit, CONFIG.estimator, CONFIG.verdict
-    return audit(sweeps, *sections, LocalEngine(jobs), ignore_progress)
+    return audit(sweeps, CONFIG, LocalEngine(jobs), ignore_progress)
 
 
 def distorted(distort: Distort) -> AuditedTrajectory:

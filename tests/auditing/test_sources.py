@@ -24,7 +24,6 @@ from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of
 
 CONFIG = fit_to_rooms(Config())
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 REVOLUTION_S = 0.1
 
@@ -75,7 +74,7 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
 def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> None:
     def judge(poses: np.ndarray, track: Trajectory | None) -> Audit:
         sweeps = divide_cloud(cloud(poses), track, BEAM)
-        return audit(sweeps, *SETTINGS, LocalEngine(1), ignore_progress)
+        return audit(sweeps, CONFIG, LocalEngine(1), ignore_progress)
 
     crisp = judge(POSES, None)
     assert crisp.verdict.status is VerdictStatus.NOT_JUDGED and crisp.revisits == []
@@ -124,6 +123,6 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     for track in ("recording", "odometry"):
         sweeps, _ = place_source(source, source.tracks[track], BEAM)
         assert sweeps.is_of_lidar
-        result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+        result[track] = audit(sweeps, CONFIG, LocalEngine(2), ignore_progress)
     assert result["recording"].verdict.status == "pass", result["recording"].verdict.reasons
     assert result["odometry"].verdict.status == "fail"

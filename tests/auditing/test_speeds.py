@@ -40,8 +40,7 @@ def judged(factor: float, poses: int | None = None, around_block: bool = False) 
     kept = np.unique(np.linspace(0, len(truth) - 1, poses or len(truth)).astype(int))
     track = Trajectory(truth.stamps_us[kept], truth.poses[kept] * [factor, factor, 1.0])
     sweeps, _ = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))
-    sections = CONFIG.audit, CONFIG.estimator, CONFIG.verdict
-    return audit(sweeps, *sections, HERE, ignore_progress), sweeps
+    return audit(sweeps, CONFIG, HERE, ignore_progress), sweeps
 
 
 def check(error_mps: float, sure: bool = True) -> SpeedCheck:
@@ -75,7 +74,7 @@ def test_a_speed_far_beyond_the_capture_range_is_measured_and_fails(factor: floa
     middles = [(w.begin + w.end) // 2 - 1 for w in audited.windows if w.speed is not None and w.speed.sure]
     lengths = np.hypot(*np.diff(truth.at(street_drive()[1].stamps_us)[:, :2], axis=0).T)[middles]
     assert errors == pytest.approx(abs(1.0 - factor) * lengths / sweeps.revolution_s, abs=0.4)
-    summary = summarise(audited, sweeps, CONFIG.audit, CONFIG.verdict, {}, "given")
+    summary = summarise(audited, sweeps, CONFIG, {}, "given")
     assert summary["speeds"]["contradicted"] == summary["speeds"]["sure"] == len(errors)
     assert summary["speeds"]["capture_m"] == 2.5 and summary["speeds"]["searched_mps"] == 50.0
 
@@ -88,7 +87,7 @@ def test_two_poses_ten_times_too_slow_fail_and_the_words_say_that_inflation_mean
         reason.startswith("the trajectory is too sparse to be judged from 0.0 s on") for reason in audited.verdict.reasons
     )
     assert all(w.undecided is Undecided.GAP and not w.torn for w in audited.windows)
-    summary = summarise(audited, sweeps, CONFIG.audit, CONFIG.verdict, {}, "given")
+    summary = summarise(audited, sweeps, CONFIG, {}, "given")
     assert {row["torn"] for row in summary["per_window"]} == {None}
     assert summary["windows"]["undecided"] == summary["windows"]["count"] and summary["windows"]["torn"] == 0
 
@@ -124,7 +123,7 @@ def test_a_wrong_speed_beside_a_gap_of_right_poses_is_still_contradicted() -> No
     kept = (times < 6.0) | (times > 9.0)
     track = Trajectory(truth.stamps_us[kept], poses[kept])
     sweeps, _ = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))
-    audited = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
+    audited = audit(sweeps, CONFIG, HERE, ignore_progress)
     assert [f.status for f in audited.tests["speeds"]] == [VerdictStatus.FAIL]
     assert audited.verdict.status is VerdictStatus.FAIL
 

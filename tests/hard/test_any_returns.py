@@ -96,7 +96,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
         assert "returns in" in str(error)
         return
     assert np.isfinite(pointmap.psi).all()
-    result = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
+    result = audit(sweeps, CONFIG, HERE, ignore_progress)
     for window in result.windows:
         assert np.isfinite([window.bend.inflation, window.bend.psi, window.bend.psi_best]).all()
         np.testing.assert_array_less(0.0, np.diag(window.bend.covariance))

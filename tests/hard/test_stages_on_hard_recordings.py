@@ -48,7 +48,7 @@ def poses_of(name: str, scans: Sequence[Scan]) -> se2.Array:
 
 def audited(scans: Sequence[Scan], poses: se2.Array) -> Audit:
     sweeps, _ = place_sweeps(joined(scans), Trajectory(stamps_of(scans), poses), BEAM)
-    return audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
+    return audit(sweeps, CONFIG, HERE, ignore_progress)
 
 
 def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:

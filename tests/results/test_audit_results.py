@@ -32,7 +32,7 @@ def written(folder: Path, audit: Audit, sweeps: Sweeps) -> tuple[dict[str, Any],
     write_audit(
         folder,
         CONFIG,
-        summarise(audit, sweeps, CONFIG.audit, CONFIG.verdict, {"path": "drive", "format": "native"}, "given"),
+        summarise(audit, sweeps, CONFIG, {"path": "drive", "format": "native"}, "given"),
     )
     tables = []
     for name in ("audit.csv", "revisits.csv"):

@@ -178,9 +178,8 @@ def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterato
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)
         poses = np.column_stack([track.positions_xyz[:, :2], se2.wrap(headings(track))])
         place = partial(_place_poses, source, stamps, beam)
-        sections = settings.audit, settings.estimator, settings.verdict
         known = judge.Known(place=place)
-        judged = judge.audit(place(poses), *sections, work.engine, work.progress, known=known)
+        judged = judge.audit(place(poses), settings, work.engine, work.progress, known=known)
         yield name, str(judged.verdict.status)
 
 
