@@ -138,7 +138,6 @@ class Source:
     """A recording to be audited.
 
     Args:
-        path: file or folder of the recording.
         format: name of its layout.
         scans: its scans, of a radar or a lidar.
         tracks: trajectories that the recording itself carries, by name.
@@ -147,7 +146,6 @@ class Source:
         is_of_lidar: whether a lidar made the recording.
     """
 
-    path: Path
     format: str
     scans: Scans
     tracks: dict[str, Trajectory]
@@ -171,7 +169,6 @@ def make_lidar_source(lidar: LidarRecording) -> Source:
     """Returns a lidar recording as a source for an audit, with the trajectories that it carries."""
     tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
     return Source(
-        path=lidar.path,
         format=lidar.format,
         scans=lidar.scans,
         tracks={name: track for name, track in tracks.items() if track is not None},

@@ -171,7 +171,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 keep = keep_checkpoint(out, hash_run(recording, settings, "audit", recording.odometry), resume=resume)
                 runner = Runner(work.engine, work.progress, keeping.enter_context(keep))
                 subject = _place_recording(*detect_radar(recording, given, name, settings, runner))
-        sweeps, track, settings, warnings = subject.sweeps, subject.track, subject.settings, subject.warnings
+        sweeps, track, warnings = subject.sweeps, subject.track, subject.warnings
         notes = [*subject.notes, *understood]
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
@@ -182,17 +182,17 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         notes += [*missing, *unfit]
         for line in (*notes, *warnings):
             work.tell(line)
-        settings = _set_limits(settings, false_alarms, tolerance)
+        subject = replace(subject, settings=_set_limits(subject.settings, false_alarms, tolerance))
         turning = subject.check_turns(sweeps)
         if turning is not None and turning.agrees is not False:
             work.tell(turning.statement)
-        judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative, own)
+        judged = subject.judge_map(sweeps, work, turning, relative, own)
         dataset = {"format": subject.format, "path": str(data)}
         summary = {
             **summarise(
                 judged,
                 sweeps,
-                settings,
+                subject.settings,
                 dataset,
                 None if sweeps.track is None else name,
                 warnings,
@@ -213,18 +213,18 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             mended = mend_trajectory(
                 audited,
                 subject.place,
-                lambda shown: _judge_sweeps(subject, shown, settings, work, subject.check_turns(shown)),
-                settings,
+                lambda shown: subject.judge_map(shown, work, subject.check_turns(shown)),
+                subject.settings,
                 work.engine,
                 work.progress,
             )
-            summary["mended"] = summarise_mended(mended, summary, settings, is_part=(start_s, end_s) != WHOLE)
+            summary["mended"] = summarise_mended(mended, summary, subject.settings, is_part=(start_s, end_s) != WHOLE)
         with write_folder_aside(out) as folder:
-            write_audit(folder, settings, summary, work.word)
+            write_audit(folder, subject.settings, summary, work.word)
             if mended is not None:
                 write_tum(folder / "mended.tum", _convert_back(mended.result.trajectory, time_offset_s, mount))
             after = None if mended is None else mended.result
-            failures = write_audit_page(folder, data.resolve().name, judged, sweeps, settings, summary, after)
+            failures = write_audit_page(folder, data.resolve().name, judged, sweeps, subject.settings, summary, after)
             add_warnings(folder / "audit.json", summary, failures)
         for warning in summary["warnings"][len(warnings) :]:
             work.tell(warning)
@@ -321,7 +321,7 @@ class _Subject:
     Args:
         sweeps: the points, placed by the trajectory and divided into sweeps; a sweep of a recording is a scan.
         track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
-        settings: all settings, with the Doppler shift that was used.
+        settings: all settings, with the Doppler shift that was used and, when it is judged, the limits of the verdict.
         format: name of the layout of the recording or cloud.
         notes: what a user should know about how the recording or cloud was read.
         place: returns the points, placed by another trajectory with the same stamps.
@@ -337,6 +337,27 @@ class _Subject:
     place: Callable[[Trajectory], Sweeps]
     warnings: Sequence[str] = ()
     source: Source | None = None
+
+    def judge_map(
+        self,
+        shown: Sweeps,
+        work: Work,
+        turning: GyroscopeCheck | None,
+        stated: RelativeCovariances | None = None,
+        own: Sequence[MapTest] = (),
+    ) -> judge.Audit:
+        """Judges the map that the recording or cloud makes under a trajectory.
+
+        Args:
+            shown: the points, placed by the trajectory that is judged.
+            work: where the work is done, and what reports on it.
+            turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
+            stated: covariances that the trajectory itself states; None if it states no covariances.
+            own: tests that the user has added.
+        """
+        sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *self.check_odometry(shown)]
+        known = judge.Known(stated, None if self.track is None else self.place_poses, sensors, own)
+        return judge.audit(shown, self.settings, work.engine, work.progress, known=known)
 
     def place_poses(self, poses: se2.Array) -> Sweeps:
         """Returns the points, placed by poses (M, 3) [m, m, rad] at the stamps of `track`, which must not be None."""
@@ -367,31 +388,6 @@ class _Subject:
         if self.track is None or shown.track is None:
             return None
         return Trajectory(self.track.stamps_us, shown.track.poses)
-
-
-def _judge_sweeps(
-    subject: _Subject,
-    shown: Sweeps,
-    settings: Config,
-    work: Work,
-    turning: GyroscopeCheck | None,
-    stated: RelativeCovariances | None = None,
-    own: Sequence[MapTest] = (),
-) -> judge.Audit:
-    """Judges the map that a subject makes under a trajectory.
-
-    Args:
-        subject: what is audited.
-        shown: the subject's points, placed by the trajectory that is judged.
-        settings: all settings, with the limits of the verdict.
-        work: where the work is done, and what reports on it.
-        turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
-        stated: covariances that the trajectory itself states; None if it states no covariances.
-        own: tests that the user has added.
-    """
-    sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
-    known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors, own)
-    return judge.audit(shown, settings, work.engine, work.progress, known=known)
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
@@ -524,6 +520,6 @@ def detect_radar(
     track = given or _pick_carried(recording.path, tracks, name)
     require_covered(make_scans(recording), track)  # raises before the recording is read if the trajectory does not fit
     scans, detected = detect_all(recording, settings.detector, runner)
-    source = Source(recording.path, recording.format, scans, tracks, recording.notes, recording.gyroscope)
+    source = Source(recording.format, scans, tracks, recording.notes, recording.gyroscope)
     beta = choose_doppler(scans, settings, runner.engine).beta
     return source, track, set_doppler_beta(settings, beta), [*recording.faults, *warn_of_unread(detected.unread)]
