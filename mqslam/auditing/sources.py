@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
@@ -230,7 +229,7 @@ def divide_cloud(
     begin_us = cloud.stamps_us[first]
     track = None
     if trajectory is None:
-        poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
+        poses = np.array([[*cloud.points[a:b].mean(axis=0), 0.0] for a, b in itertools.pairwise(begins)])
     else:
         _check_cover(cloud, trajectory)
         poses = trajectory.at(begin_us)
@@ -265,11 +264,6 @@ def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> Time
     motions = se2.compose(mended.at(stamps), se2.inverse(given.at(stamps)))[of_stamp]
     points = np.column_stack([cloud.points, np.zeros(len(cloud))])
     return replace(cloud, points=se2.compose(motions, points)[:, :2])
-
-
-def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the mean position of points (N, 2) [m] as a pose (3,) with a yaw of 0."""
-    return np.append(points.mean(axis=0), 0.0)
 
 
 def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:

@@ -129,7 +129,8 @@ def _find_wrong(
     wrong = set()
     for gap, begins in inner.items():
         found_m = _chain_across(gap, sweeps.times, {k: motions[k] for k in begins}, longest_s)
-        if found_m is not None and abs(found_m - _measure_claimed(gap, track)) > speed_mps * (gap[1] - gap[0]):
+        begin, end = track.poses[np.searchsorted(track.times, gap), :2]
+        if found_m is not None and abs(found_m - np.hypot(*(end - begin))) > speed_mps * (gap[1] - gap[0]):
             wrong.add(gap)
     return wrong
 
@@ -163,12 +164,6 @@ def _chain_across(
     steps = np.column_stack([np.interp(at, middles, rows[:, axis]) for axis in range(3)])
     x, y, _ = se2.integrate_steps(se2.exp(steps, np.diff(edges)))[-1]
     return float(np.hypot(x, y))
-
-
-def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
-    """Returns the distance [m] between the trajectory's poses at the ends of a gap (begin, end) [s]."""
-    (a, b) = np.searchsorted(track.times, gap)
-    return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
 
 
 def _measure_twist(shared: Shared, begin: int) -> se2.Array | None:

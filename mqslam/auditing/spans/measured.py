@@ -63,11 +63,6 @@ def register_spans(
     return [span for span in spans if span is not None]
 
 
-def _leads_away(span: Registration, span_m: float) -> bool:
-    """Returns whether the ends of a span are at least half of the length `span_m` [m] apart."""
-    return bool(np.hypot(*span.between[:2]) >= 0.5 * span_m)
-
-
 def fit_to_reach(sweeps: Sweeps) -> float:
     """Returns the length of spans [m]: SPAN_M, or the median range of the points if that is shorter."""
     usual_m = find_median(lambda: _list_ranges(sweeps))
@@ -116,12 +111,13 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
 def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[int, int]) -> Registration | None:
     """Registers a span with the scans at its ends, and again with the scans just before and just after these.
 
-    Returns None if the scans at the ends hold too few points or do not constrain every direction, or are close together.
+    Returns None if the scans at the ends hold too few points, do not constrain every direction, or are less than half of a
+    span's length apart.
     """
     (sweeps, settings, estimator), known, span_m = given
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
-    if registration is None or not registration.observed or not _leads_away(registration, span_m):
+    if registration is None or not registration.observed or np.hypot(*registration.between[:2]) < 0.5 * span_m:
         return None
     offsets = [registration.offset]
     for aside in (-STEP_SCANS, STEP_SCANS):

@@ -67,7 +67,8 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
         limits: settings of the verdict.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
-    chains = _list_chains(judged, sweeps.travelled)
+    begins_m = sweeps.travelled[[span.registration.earlier for span in judged]]
+    chains = [chain for span in judged for chain in _follow(span, judged, begins_m, sweeps.travelled)]
     if not chains:
         return []
     sums = [_add_up(chain, sweeps) for chain in chains]
@@ -99,17 +100,6 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):
             bends.append(one)
     return sorted(bends, key=lambda one: one.t0)
-
-
-def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns chains of successive spans: one from every span for each length in `LENGTHS_M` that its successors reach.
-
-    Args:
-        spans: spans in the order of time.
-        travelled: (S,) length of the path up to each sweep [m].
-    """
-    begins_m = travelled[[span.registration.earlier for span in spans]]
-    return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
 
 def _follow(
