@@ -187,13 +187,12 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if turning is not None and turning.agrees is not False:
             work.tell(turning.statement)
         judged = subject.judge_map(sweeps, work, turning, relative, own)
-        dataset = {"format": subject.format, "path": str(data)}
         summary = {
             **summarise(
                 judged,
                 sweeps,
                 subject.settings,
-                dataset,
+                {"format": subject.format, "path": str(data)},
                 None if sweeps.track is None else name,
                 warnings,
                 stated,

@@ -11,18 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlparse
 
-_LIBRARIES: Final = {  # names of libraries for messages, by the names that `describe_missing` takes
-    "open3d": "Open3D",
-    "small_gicp": "small_gicp",
-    "pcd": "pypcd4",
-    "las": "laspy with lazrs",
-    "view": "Rerun",
-    "cluster": "Dask",
+_LIBRARIES: Final = {  # name for messages and extra in pyproject.toml, by the names that `describe_missing` takes
+    "open3d": ("Open3D", "open3d"),
+    "small_gicp": ("small_gicp", "small-gicp"),
+    "pcd": ("pypcd4", "clouds"),
+    "las": ("laspy with lazrs", "clouds"),
+    "view": ("Rerun", "view"),
+    "cluster": ("Dask", "cluster"),
 }
-# Names of the extras in pyproject.toml, where they differ from the names above.
-_EXTRAS: Final = {"small_gicp": "small-gicp", "pcd": "clouds", "las": "clouds"}
-
-
 # names of the packages that results depend on
 _DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "small_gicp", "matplotlib")
 
@@ -44,7 +40,8 @@ def describe_missing(library: str) -> tuple[str, str]:
     Args:
         library: `open3d`, `small_gicp`, `pcd`, `las`, `view` or `cluster`.
     """
-    return f"{_LIBRARIES[library]} is not installed", f"install it with: {_name_command(_EXTRAS.get(library, library))}"
+    name, extra = _LIBRARIES[library]
+    return f"{name} is not installed", f"install it with: {_name_command(extra)}"
 
 
 def _name_command(extra: str) -> str:
