@@ -27,7 +27,7 @@ from mqslam.auditing.findings import (
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
 from mqslam.auditing.gyroscope_check import check_gyroscope, judge_gyroscope
 from mqslam.auditing.own_test import judge_by
-from mqslam.auditing.registration import Registration, Shared
+from mqslam.auditing.registration import Shared
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.spans.measured import explain_few_spans, register_spans
@@ -51,7 +51,7 @@ from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
 from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.config import AuditConfig, Config, VerdictConfig
+from mqslam.config import AuditConfig, Config
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope
@@ -187,7 +187,11 @@ def audit(
         registrations = register_spans(shared, ~interpolated, engine, progress)
         twists = measure_twists(sweeps)
         pooled = pool(registrations, twists)
-        spans = audit_spans(registrations, _expect(registrations, twists, pooled, limits), sweeps.times, settings, limits)
+        expected = np.zeros(3)  # the parts of the offsets that proven errors of the whole trajectory explain
+        if pooled is not None:
+            proven = find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits)
+            expected = predict_offsets(registrations, twists, *proven)
+        spans = audit_spans(registrations, expected, sweeps.times, settings, limits)
         sums = audit_sums(spans, sweeps, settings, limits)
         revisits = audit_revisits(shared, limits, engine, progress, known.stated)
         revisits = doubt_interpolated(revisits, interpolated)
@@ -237,15 +241,6 @@ def audit_trajectory(
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
     known = Known(stated, sensors=sensors, is_of_run=True)
     return audit(sweeps, config, runner.engine, runner.progress, _SAMPLED_WINDOWS, known)
-
-
-def _expect(
-    spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
-) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) [m, m, rad] of N spans' offsets that proven errors of `pooled` explain; 0 if it is None."""
-    if pooled is None:
-        return np.zeros((len(spans), 3))
-    return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
 def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: AuditConfig) -> list[Finding]:

@@ -11,7 +11,7 @@ from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.config import Config
 from mqslam.core.sensors import RADAR
 from mqslam.errors import OutputError, Remedy
-from mqslam.execution.files import write_json, write_text
+from mqslam.execution.files import blame_output, write_json, write_text
 from mqslam.results.files import format_csv
 from mqslam.version import __version__
 
@@ -76,10 +76,8 @@ def check_batch(out: Path, *, force: bool) -> None:
     others = (out / "report.html").exists() and not (out / "batch.json").exists()
     if others and not force:
         raise OutputError(f"{out}: holds the results of another command", Remedy.CHOOSE_OR_WRITE_OUTPUT)
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
