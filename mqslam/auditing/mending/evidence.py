@@ -205,8 +205,12 @@ def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
         sweeps: points under the trajectory that was audited.
     """
     measured = revisit.covariance - (0.0 if revisit.stated_covariance is None else revisit.stated_covariance)
-    tie = _tie_step(revisit.registration, measured, sweeps, 0)
-    return Loop(*tie, revisit.registration.matched, revisit.registration.psi_best)
+    registration = revisit.registration
+    between = se2.between(sweeps.poses[registration.earlier], sweeps.poses[registration.later])
+    pose = se2.compose(between, revisit.offset)
+    pose[2] = se2.wrap(pose[2])
+    covariance = se2.rotate_covariance(measured, float(between[2]))
+    return Loop(registration.earlier, registration.later, pose, covariance, registration.matched, registration.psi_best)
 
 
 def keep_plausible(ties: Sequence[Tie], chain: se2.Array, variances: NDArray[np.float64]) -> list[Tie]:
