@@ -92,8 +92,7 @@ def audit_steps(
     doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near)))
     report = count_items(progress, "doubtful steps", len(doubtful))
     far = dict(zip(doubtful, engine.map(_register_far, shared, doubtful, report), strict=True))
-    found = {place: step for place, step in near.items() if step is not None}
-    found |= {place: step for place, step in far.items() if step is not None}
+    found = {place: step for place, step in [*near.items(), *far.items()] if step is not None}
     beside = [(place, reach) for place, reach in _pick_beside(found, settings, chance) if lies_in_no_gap(place)]
     placed = zip(beside, engine.map(_register_step, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}

@@ -22,12 +22,10 @@ from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
 from mqslam.merging.merge import merge_in_unit, merge_sessions
-from mqslam.merging.sessions import Session, make_session
+from mqslam.merging.sessions import GIVE_RESULT, Session, make_session
 from mqslam.report.merge_page import write_merge_page
 from mqslam.results.files import add_warnings
 from mqslam.results.merge_results import summarise_merge, write_merge
-
-_REMEDY = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
 
 def merge(
@@ -95,14 +93,14 @@ def read_part(folder: Path) -> Session:
         DataError: the result lacks a file, or one of its files is damaged.
     """
     if not folder.is_dir():
-        raise DataError(folder, "is no folder" if folder.exists() else "does not exist", _REMEDY)
+        raise DataError(folder, "is no folder" if folder.exists() else "does not exist", GIVE_RESULT)
     if find_keyframes(folder) is None:
         problem = "holds no keyframes"
-        remedy = "run the recording again with this version" if (folder / "graph.g2o").is_file() else _REMEDY
+        remedy = "run the recording again with this version" if (folder / "graph.g2o").is_file() else GIVE_RESULT
         raise DataError(folder, problem, remedy)
     kept = read_keyframes(folder)
     if not (folder / "graph.g2o").is_file():
-        raise DataError(folder, "holds no graph.g2o, by which recordings are merged", _REMEDY)
+        raise DataError(folder, "holds no graph.g2o, by which recordings are merged", GIVE_RESULT)
     graph = read_g2o(folder / "graph.g2o")
     count = len(kept.keyframes.recordings)
     alone = folder / "trajectory.tum"
@@ -125,7 +123,7 @@ def _read_solved(path: Path) -> NDArray[np.int64]:
         ends = (("from", "from_stamp_us"), ("to", "to_stamp_us"))
         stamps = {int(row[end]): int(row[stamp]) for row in rows for end, stamp in ends if row[stamp]}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DataError(path, "cannot be read", _REMEDY) from error
+        raise DataError(path, "cannot be read", GIVE_RESULT) from error
     return np.array([stamps[k] for k in sorted(stamps)], dtype=np.int64)
 
 

@@ -31,7 +31,7 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
 _OFF_M: Final = 0.01  # largest distance [m] of a keyframe from its pose in the graph: only rounding may move it
-_REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
+GIVE_RESULT: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,20 +98,22 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
         raise DataError(folder, "holds a map without keyframes", "give a result whose map has keyframes")
     if len(stamps_us) != len(keyframes.recordings):
         problem = f"has {len(keyframes.recordings)} recordings in its keyframes and {len(stamps_us)} trajectories"
-        raise DataError(folder, problem, _REMEDY)
+        raise DataError(folder, problem, GIVE_RESULT)
     if graph.keys != tuple(range(len(graph.keys))) or len(graph.keys) < count:
         problem = f"holds {len(graph.keys)} poses, which do not fit the {count} scans of the trajectories"
-        raise DataError(folder / "graph.g2o", problem, _REMEDY)
+        raise DataError(folder / "graph.g2o", problem, GIVE_RESULT)
     if not (keyframes.scans < count).all():
-        raise DataError(folder / "keyframes", "refers to scans that the trajectories of this result do not have", _REMEDY)
+        raise DataError(
+            folder / "keyframes", "refers to scans that the trajectories of this result do not have", GIVE_RESULT
+        )
     try:
         vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
     except RuntimeError as error:
-        raise DataError(folder / "graph.g2o", "is not a graph of poses in the plane", _REMEDY) from error
+        raise DataError(folder / "graph.g2o", "is not a graph of poses in the plane", GIVE_RESULT) from error
     frame = se2.compose(keyframes.poses[0], se2.inverse(vertices[0]))
     off = se2.compose(frame, vertices) - keyframes.poses
     if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
-        raise DataError(folder, "has keyframes whose poses differ from the poses in its graph.g2o", _REMEDY)
+        raise DataError(folder, "has keyframes whose poses differ from the poses in its graph.g2o", GIVE_RESULT)
     return Session(folder, kept, tuple(stamps_us), graph, frame)
 
 

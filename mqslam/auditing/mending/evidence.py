@@ -35,7 +35,7 @@ _ANYWHERE_M2: Final = 1e6  # numerical: variance of an unknown position [m^2]
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
 
 
-def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: bool = False) -> list[Tie]:
+def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
     """Returns psi's motions through windows, each from the first sweep of a window to its last sweep.
 
     Windows are left out if they are undecided, contain a jump, or have an error of speed that is too large for a window to
@@ -45,13 +45,11 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: b
         audit: audit of the trajectory.
         sweeps: points under the trajectory.
         jumps: numbers of the first sweeps after jumps.
-        torn: whether to return only the motions through torn windows.
     """
     return [
         _tie_window(window, sweeps)
         for window in audit.windows
         if window.undecided is None
-        and (window.torn or not torn)
         and not contradicts(window.speed, audit.capture)
         and not any(window.begin < jump < window.end for jump in jumps)
     ]

@@ -201,7 +201,8 @@ class _Mender:
         self._across: dict[int, Tie] = {}  # ties across jumps, each from the last round that measured it
         self._pairs: dict[int, Registration] = {}  # registrations of successive scans, each from the round with the best psi
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
-        self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
+        torn = {window.begin for window in given.audit.windows if window.torn}
+        self._torn = [tie for tie in windows if tie.a in torn]
         bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
         self._bent = tie_spans(bent, given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
