@@ -57,26 +57,27 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         DataError: the data cannot be read.
         OutputError: the output exists and may not be replaced, or cannot be written.
     """
-    keyframes = find_keyframes(data)
-    if out.suffix == ".ply" and to is None and (keyframes is not None or is_run(data)):
+    keyframes, of_run = find_keyframes(data), is_run(data)
+    if out.suffix == ".ply" and to is None and (keyframes is not None or of_run):
         _write_keyframes(out, data, force=force)
         return []
-    if out.suffix == ".tum" and to is None and is_run(data):
+    if out.suffix == ".tum" and to is None and of_run:
         check_new_file(out, force=force)
         write_wide(out, read_tum(data / "trajectory.tum"), read_covariances(data / "covariances.csv"))
         return []
-    if keyframes is not None and not is_run(data):
+    if keyframes is not None and not of_run:
         problem = "holds keyframes, which can only become a point cloud"
         if keyframes != data:
             problem = "is a merged map, of which only the keyframes can be converted, to a point cloud"
         raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
-    if is_run(data) and not (out.suffix in (".bag", ".mcap") if to is None else find_target(out, to).is_bag):
+    becomes_bag = out.suffix in (".bag", ".mcap") if to is None else find_target(out, to).is_bag
+    if of_run and not becomes_bag:
         instead = "give an output that ends in .bag, .mcap, .tum or .ply, or the layout rosbag2"
         problem = f"{data}: is a run; its results can only be converted to a bag, to TUM or to a point cloud; {instead}"
         raise ConfigError(problem)
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
-        if not is_run(data):
+        if not of_run:
             recording = open_data(data, format, range_resolution, load_config(config))
             notes = write_recording(recording, out, target, partial(progress, "converting"))
             return [*recording.notes, *recording.faults, *notes]
