@@ -52,13 +52,13 @@ class Share:
     count: int
     total: int
 
-    def lower_bound(self, confidence: float) -> float:
+    def lower_bound(self, confidence: float = CONFIDENCE) -> float:
         """Returns the lower bound of the share at a confidence (0 to 1; Clopper and Pearson, 1934); 0 without any fault."""
         if self.count == 0:
             return 0.0
         return float(betaincinv(self.count, self.total - self.count + 1, 1.0 - confidence))
 
-    def upper_bound(self, confidence: float) -> float:
+    def upper_bound(self, confidence: float = CONFIDENCE) -> float:
         """Returns the upper bound of the share at a confidence (0 to 1; Clopper and Pearson, 1934); 1 if all are faulty."""
         if self.count == self.total:
             return 1.0
@@ -66,7 +66,7 @@ class Share:
 
     def is_above(self, bound: float) -> bool:
         """Returns whether the share is above a bound with the confidence `CONFIDENCE`."""
-        return self.lower_bound(CONFIDENCE) > bound + _ROUNDING
+        return self.lower_bound() > bound + _ROUNDING
 
     def is_below(self, bound: float) -> bool:
         """Returns whether the share is at most a bound with the confidence `_POWER`."""
@@ -82,7 +82,7 @@ class Share:
 
     def describe_range(self) -> str:
         """Returns the range from the lower to the upper bound of the share in words, in per cent."""
-        low, high = (100.0 * bound(CONFIDENCE) for bound in (self.lower_bound, self.upper_bound))
+        low, high = (100.0 * bound for bound in (self.lower_bound(), self.upper_bound()))
         return f"anything from {low:.0f} to {high:.0f} %"
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from mqslam.auditing.revisits import share_torn_revisits
-from mqslam.auditing.verdict import CONFIDENCE, GRAVEST_FIRST, Share, VerdictStatus
+from mqslam.auditing.verdict import GRAVEST_FIRST, Share, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.core.wording import join_words
@@ -136,7 +136,7 @@ def _state_share(name: str, share: Share) -> _Figure | None:
         return None
     value = share.count / share.total
     text = f"{100.0 * value:.1f} % ({share.count} of {share.total})"
-    return _Figure(name, value, share.lower_bound(CONFIDENCE), share.upper_bound(CONFIDENCE), text)
+    return _Figure(name, value, share.lower_bound(), share.upper_bound(), text)
 
 
 def _state_verdict(name: str, verdict: VerdictStatus) -> _Figure | None:

@@ -27,7 +27,7 @@ from mqslam.auditing.spans.robust import Estimate
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import SCALE_WARN, apply_tolerance, share_of_false_alarms
-from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import Undecided, share_torn
 from mqslam.config import Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
@@ -215,7 +215,7 @@ def summarise(
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
     """Returns entries of audit.json: the number of torn windows or revisits, and bounds of their true share (0 to 1)."""
-    bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
+    bounds = {"torn_share_at_least": torn.lower_bound(), "torn_share_at_most": torn.upper_bound()}
     return {"torn": torn.count, **bounds}
 
 

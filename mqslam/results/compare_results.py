@@ -11,7 +11,7 @@ import numpy as np
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.speeds import contradicts
-from mqslam.auditing.verdict import CONFIDENCE, VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
@@ -134,8 +134,8 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
         "inflation": _find_median_inflation(judged.audit),
         "windows": len(windows),
         "windows_torn": torn.count / torn.total if torn.total else None,
-        "windows_torn_at_least": torn.lower_bound(CONFIDENCE),
-        "windows_torn_at_most": torn.upper_bound(CONFIDENCE),
+        "windows_torn_at_least": torn.lower_bound(),
+        "windows_torn_at_most": torn.upper_bound(),
         "revisits": standing.revisits.total,
         "revisits_torn": standing.revisits.count,
         "revisit_m": float(np.median([r.distance_m for r in sure])) if sure else None,
