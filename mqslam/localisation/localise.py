@@ -77,10 +77,9 @@ class Localised:
         looked_up: number of submaps of the recording that were compared with the places of the map.
         ambiguous: number of these submaps that fit several places of the map about equally well.
         scale: (3,) factors on the variances of x, y and yaw from psi's curvature, measured in this recording; the usual
-            factor if the recording is too short.
+            factor with fewer than `FEWEST_PAIRS` pairs.
         samples: number of pairs of scans from which these factors were measured.
         conflicts: number of times that tracking reached a scan that was tracked from the other side to a conflicting pose.
-        is_scale_measured: whether the factors were measured in this recording.
     """
 
     stamps_us: NDArray[np.int64]
@@ -95,7 +94,6 @@ class Localised:
     scale: NDArray[np.float64]
     samples: int
     conflicts: int
-    is_scale_measured: bool = True
 
     def __len__(self) -> int:
         return len(self.stamps_us)
@@ -234,7 +232,6 @@ def localise(
         scale=scale,
         samples=samples,
         conflicts=conflicts,
-        is_scale_measured=samples >= FEWEST_PAIRS,
     )
 
 

@@ -101,7 +101,7 @@ def _list_warnings(localised: Localised) -> list[str]:
             f"scans that were followed from two recognised places disagree at {count_of(localised.conflicts, 'place')}; at "
             "least one of the recognised places may be wrong, or the map is bent between them"
         )
-    if not localised.is_scale_measured:
+    if localised.samples < FEWEST_PAIRS:
         warnings.append(
             "the recording is too short to measure how accurate its poses are: "
             f"{count_of(localised.samples, 'pair')} of scans could be compared, but {FEWEST_PAIRS} are needed; "
