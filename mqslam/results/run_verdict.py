@@ -16,7 +16,6 @@ from mqslam.backend.range_scale import NOT_OF_RADAR
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.sensors import RADAR
 from mqslam.core.wording import describe_times, join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
@@ -82,7 +81,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S, recording.sensor_name)
+    warnings += _warn_of_gaps(recording)
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""
     unobserved = find_stretches(run.measurements, Status.DEGENERATE)
@@ -220,18 +219,12 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
     return [(status, f"is {ratio:.2f} times its value before optimisation")]
 
 
-def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor: str = RADAR) -> list[str]:
-    """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all.
-
-    Args:
-        gaps: index of the scan before each gap, and the missing time [s].
-        longest_coast_s: longest gap that the tracker bridges by a prediction.
-        sensor: what the warnings call the sensor.
-    """
-    warnings = []
+def _warn_of_gaps(recording: Recording) -> list[str]:
+    """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all."""
+    warnings, gaps, sensor = [], recording.gaps(), recording.sensor_name
     for scan, missing_s in gaps[:_LISTED]:
         where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
-        if missing_s < longest_coast_s:
+        if missing_s < LONGEST_COAST_S:
             warnings.append(f"{sensor} gap {where}")
         else:
             guess = "the poses after it are guesses unless a loop closure connects them to poses before it"
