@@ -212,10 +212,7 @@ def draw_world(
     Returns:
         The content of a PNG file for each picture.
     """
-    if view is None:
-        maps = [points for drawing in drawings for points, _ in drawing.maps]
-        drawn = [*maps, *(curve.points for drawing in drawings for curve in drawing.curves)]
-        view = find_common_view(drawn or [np.zeros((1, 2))], shape, OUTERMOST if maps else 0.0)
+    view = view or _find_view(drawings, shape)
     names = [curve.name for curve in drawings[0].curves if curve.name]
     made = [_make_small(view) if is_small else make_world(view, _measure_legend(names)[1]) for _ in drawings]
     lay_ink(view, [(axes, *one) for (_, axes), drawing in zip(made, drawings, strict=True) for one in drawing.maps])
@@ -226,6 +223,13 @@ def draw_world(
         _put_legend(axes, names)
         pictures.append(encode_png(figure, opaque))
     return pictures
+
+
+def _find_view(drawings: Sequence[Drawing], shape: tuple[float, float]) -> View:
+    """Returns the rectangle around all that is drawn, except the outermost points of maps, as `find_common_view` does."""
+    maps = [points for drawing in drawings for points, _ in drawing.maps]
+    drawn = [*maps, *(curve.points for drawing in drawings for curve in drawing.curves)]
+    return find_common_view(drawn or [np.zeros((1, 2))], shape, OUTERMOST if maps else 0.0)
 
 
 def draw_chart(chart: Chart) -> bytes:
@@ -279,14 +283,9 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
     Returns:
         The content of the file.
     """
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    view = find_common_view(
-        [*(points for points, _ in drawing.maps), *(curve.points for curve in drawing.curves)],
-        SHEET_SHAPE,
-        OUTERMOST if drawing.maps else 0.0,
-    )
+    view = _find_view([drawing], SHEET_SHAPE)
     names = [curve.name for curve in drawing.curves if curve.name]
     inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
     heights = [inner * (view.y1 - view.y0) / (view.x1 - view.x0), *(_CHART_IN for _ in charts)]
@@ -307,13 +306,7 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
     _put_legend(world, names)
     for axes, chart in zip(panels[1:], charts, strict=True):
         _fill(axes, chart)
-    file = io.BytesIO()
-    metadata = dict.fromkeys(_LEFT_OUT[suffix])
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam", "pdf.fonttype": 42}):
-        figure.savefig(
-            file, format=suffix[1:], dpi=DPI, facecolor="white", metadata=metadata, bbox_inches="tight", pad_inches=_PAD_IN
-        )
-    return file.getvalue()
+    return _encode(figure, suffix, facecolor="white", bbox_inches="tight", pad_inches=_PAD_IN)
 
 
 def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
@@ -475,9 +468,19 @@ def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]
 
 def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
     """Returns a figure as the content of a PNG file; its background is white if `opaque`, else transparent."""
+    return _encode(figure, ".png", transparent=not opaque, facecolor="white" if opaque else "none")
+
+
+def _encode(figure: MplFigure, suffix: str, **look: Any) -> bytes:
+    """Returns a figure as the content of a file of the form `suffix`; `look` is passed on to matplotlib.
+
+    Words stay text instead of outlines, and ids depend on the content only, so that the same data give the same bytes.
+    """
+    import matplotlib as mpl
+
     file = io.BytesIO()
-    ground = "white" if opaque else "none"
-    figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam", "pdf.fonttype": 42}):
+        figure.savefig(file, format=suffix[1:], dpi=DPI, metadata=dict.fromkeys(_LEFT_OUT[suffix]), **look)
     return file.getvalue()
 
 
@@ -492,13 +495,7 @@ _FONT: Final = re.compile(r"(font(?:-family)?: [^';\"]*)'[^;\"]*")
 
 def _encode_svg(figure: MplFigure) -> bytes:
     """Returns a figure as an SVG element for a page, in which its words can be searched, copied and read aloud."""
-    import matplotlib as mpl
-
-    file = io.BytesIO()
-    # words stay text instead of outlines, and ids depend on the content only, so that the same data give the same bytes
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam"}):
-        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    text = file.getvalue().decode("utf-8")
+    text = _encode(figure, ".svg", transparent=True).decode("utf-8")
     text = _NOT_SHOWN.sub("", text[text.index(_SVG.decode()) :])
     text = _SIZE.sub(r"\1", _SIZE.sub(r"\1", text, count=1), count=1)
     text = _FONT.sub(r"\1sans-serif", _NAMED_GROUP.sub("<g>", text))
