@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +22,6 @@ from mqslam.config import AuditConfig, Config, dump_yaml
 from mqslam.core.statistics import pick_evenly
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
-from mqslam.mapping.measures import Measures
 from mqslam.report.canvas import BLUE, GREY, RED, Chart, Curve, draw_chart, join_lines, mix_shades, over
 from mqslam.report.crops import draw_crop, make_crop
 from mqslam.report.explorer import LEAST_M, Layer, Place, chart_inflation, explain_torn, explore
@@ -42,7 +40,7 @@ from mqslam.report.spots import (
 )
 from mqslam.report.words import format_length, format_value, list_facts, list_values, part_of
 
-_MEASURES: Final = {
+_MEASURES: Final = {  # label and unit of each measure, by the name of its field
     "map_entropy": ("mean map entropy", " nat"),
     "plane_variance": ("mean plane variance", " m²"),
     "joint_entropy": ("joint less separate entropy", " nat"),
@@ -325,12 +323,11 @@ def _list_measures(audit: Audit) -> list[tuple[str, str]]:
         ("ψ of a window per point", "", [w.bend.psi for w in windows]),
         ("ψ of a window per point at its best", "", [w.bend.psi_best for w in windows]),
         ("points matched", " %", [100.0 * w.bend.matched for w in windows]),
-        *((*_MEASURES[one.name], [getattr(w.measures, one.name) for w in windows]) for one in fields(Measures)),
+        *((*shown, [getattr(w.measures, name) for w in windows]) for name, shown in _MEASURES.items()),
     ]
     rows = []
     for label, unit, values in measured:
         known = [value for value in values if np.isfinite(value)]
-        quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
-        low, median, high = quantiles
+        low, median, high = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
         rows.append((label, f"{format_value(median, unit)} ({format_value(low)} to {format_value(high)})"))
     return rows
