@@ -81,7 +81,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording)
+    warnings += _warn_of_gaps(recording.gaps(), recording.sensor_name)
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""
     unobserved = find_stretches(run.measurements, Status.DEGENERATE)
@@ -219,9 +219,14 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
     return [(status, f"is {ratio:.2f} times its value before optimisation")]
 
 
-def _warn_of_gaps(recording: Recording) -> list[str]:
-    """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all."""
-    warnings, gaps, sensor = [], recording.gaps(), recording.sensor_name
+def _warn_of_gaps(gaps: list[tuple[int, float]], sensor: str) -> list[str]:
+    """Returns warnings of the first `_LISTED` gaps and, if there are more, of the time that is missing in all.
+
+    Args:
+        gaps: index of the scan before each gap, and the missing time [s].
+        sensor: what the warnings call the sensor.
+    """
+    warnings = []
     for scan, missing_s in gaps[:_LISTED]:
         where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
         if missing_s < LONGEST_COAST_S:

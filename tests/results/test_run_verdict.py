@@ -173,11 +173,11 @@ def test_velocities_by_chirps_are_said_to_carry_what_psi_does_not_observe(edges,
 
 
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
-    named = _warn_of_gaps([(k, 0.25) for k in range(12)], 60.0)
+    named = _warn_of_gaps([(k, 0.25) for k in range(12)], "radar")
     assert len(named) == 6
     assert named[0] == "radar gap of 0.25 s after scan 0 (counted from 0)"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"
-    assert _warn_of_gaps([(4, 0.25)], 60.0, "lidar") == ["lidar gap of 0.25 s after scan 4 (counted from 0)"]
+    assert _warn_of_gaps([(4, 0.25)], "lidar") == ["lidar gap of 0.25 s after scan 4 (counted from 0)"]
 
 
 @pytest.mark.parametrize("step_m", [0.25, 0.85, 1.0, 1.05, 4.0])
