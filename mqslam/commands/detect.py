@@ -81,7 +81,7 @@ def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callab
     for note in (*recording.notes, *recording.faults):
         tell(note)
     if isinstance(recording, LidarRecording):
-        return prepare_lidar(recording, settings).recording.scans, ""
+        return prepare_lidar(recording, settings)[0].scans, ""
     scans, detected = detect_all(recording, settings.detector, runner)
     for warning in warn_of_unread(detected.unread):
         tell(warning)
