@@ -44,7 +44,7 @@ LEVELS: Final = (
 
 # limits of a page's size: a few megabytes, which a browser can still move smoothly
 MOST_POINTS: Final = 90_000  # points of all layers together
-_MOST_CROPPED: Final = 150_000  # points of all places together
+MOST_CROPPED: Final = 150_000  # points of the close views of all places together
 _STEPS: Final = 65_535  # largest number that 16 bits hold
 _CROP_STEP_M = 0.01  # resolution of the points of a close view, whose x and y take 16 bits each
 _TITLES: Final = {"time": "time [s]", "psi": "ψ of the point", "intensity": "intensity"}
@@ -251,7 +251,7 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
     The views of a place name the points of each group by begin and end, counted in points of the array. If there are too
     many points for a page, some of each group are left out.
     """
-    step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
+    step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
     begin = 0
     listed = []

@@ -42,7 +42,7 @@ from mqslam.report.canvas import (
     join_lines,
     over,
 )
-from mqslam.report.explorer import Layer, Place, chart_inflation, explain_torn, explore, values_of
+from mqslam.report.explorer import MOST_CROPPED, Layer, Place, chart_inflation, explain_torn, explore, values_of
 from mqslam.report.heat_map import draw_heat_map, explain_heat_map
 from mqslam.report.page import Explorer, Figure, Page, Section, tabulate_tests
 from mqslam.report.spots import rank_spot, spot_of_window
@@ -316,20 +316,34 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
     """Returns for each window two arrays of points (M, 2) [m]: those of its own pass, and those of other passes.
 
     Points belong to its own pass if they were seen within `_SAME_PASS_S` of the window's middle. They are in the frame of
-    the sensor at the window's middle scan.
+    the sensor at the window's middle scan. Of more points than the page can show, some are left out everywhere alike, so
+    that the crops of a lidar, whose windows all show the same rooms, do not fill the memory.
     """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
+    step = max(1, _count_cropped(pointmap, poses) // MOST_CROPPED)
     for block in pointmap.blocks() if windows else ():
-        tree = cKDTree(block.points)
+        points, times = block.points[::step], block.times[::step]
+        tree = cKDTree(points)
         for window, pose, crop in zip(windows, poses, crops, strict=True):
             near = tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True)
-            seen = se2.transform(se2.inverse(pose), block.points[near])
+            seen = se2.transform(se2.inverse(pose), points[near])
             inside = np.abs(seen).max(axis=1, initial=0.0) <= _HALF_SIDE_M
-            own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
+            own = np.abs(times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
             crop[0].append(seen[inside & own])
             crop[1].append(seen[inside & ~own])
     return [[np.concatenate(group) for group in crop] for crop in crops]
+
+
+def _count_cropped(pointmap: PointMap, poses: Sequence[se2.Array]) -> int:
+    """Returns how many points of a map lie near poses (3,) [m, m, rad]; a point near several poses counts several times."""
+    if not poses:
+        return 0
+    counts = (
+        cKDTree(block.points).query_ball_point(np.array(poses)[:, :2], _REACH_M, return_length=True)
+        for block in pointmap.blocks()
+    )
+    return int(sum(count.sum() for count in counts))
 
 
 def chart_path(run: Run, truth: Trajectory | None) -> Section | None:

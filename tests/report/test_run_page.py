@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import re
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +25,9 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.report import canvas
 from mqslam.report.canvas import Chart, Curve, over
-from mqslam.report.explorer import MOST_POINTS
+from mqslam.report.explorer import MOST_CROPPED, MOST_POINTS
 from mqslam.report.page import Figure
-from mqslam.report.run_page import chart_path, draw_maps
+from mqslam.report.run_page import chart_path, draw_maps, explore_run
 
 PICTURES = {"Map", "Under odometry", "Optimised", "Trajectory"}
 
@@ -197,6 +199,24 @@ def test_a_map_of_many_points_is_thinned_evenly_and_says_so(tmp_path: Path) -> N
     x = stored["low"] + stored["step"] * np.frombuffer(base64.b64decode(stored["data"]), "<u2")
     counts, _ = np.histogram(x, 10, (0.0, 200.0))
     assert counts.min() > 0.9 * counts.max()
+
+
+def test_close_views_of_many_windows_that_show_the_same_room_do_not_fill_the_memory() -> None:
+    """Each of 80 windows shows all points: together they would take half a gigabyte in each of the two maps."""
+    points = np.random.default_rng(4).uniform(-20.0, 20.0, (400_000, 2))
+    room = PointMap(points, np.arange(4e5) * 1e-3, np.full(400_000, 80.0), np.ones(400_000), np.ones(400_000, bool))
+    first = a_run().checks[0]
+    run = a_run(map_odometry=room, map_optimised=room, checks=[first] * 80, odometry=along(0.0), optimised=along(1e-3))
+    tracemalloc.start()
+    try:
+        page = explore_run(run, RUN_SUMMARY, None)
+        peak_mb = 1e-6 * tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert page is not None and peak_mb < 300.0
+    crops = json.loads(page.data)["crops"]
+    shown = len(base64.b64decode(crops["data"])) // 4
+    assert 0.5 * MOST_CROPPED < shown <= MOST_CROPPED
 
 
 @pytest.mark.slow
