@@ -41,8 +41,7 @@ from mqslam.backend.loops.passes import (
     render_passes,
 )
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, describe_places, recognise
-from mqslam.backend.loops.registration import align_passes, is_unrivalled, score_at_pose
-from mqslam.backend.loops.rigid import minimise_rigidly
+from mqslam.backend.loops.registration import align_near, align_passes, is_unrivalled, score_at_pose
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -288,16 +287,15 @@ def _place_openly(
 
     Returns:
         The loop, and whether free space shows its place along the direction. If free space does not, or if the trajectory is
-        too uncertain, the loop has the pose with the lowest psi near the trajectory's place, if this pose agrees with it.
+        too uncertain, the loop has the pose with the lowest psi near the trajectory's place, if the trajectory allows it.
     """
     (drive, estimator, beam), (loop, along, chain) = shared, openly
     reach_m = max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
     if reach_m > LATER_SHARE * SUBMAP_M:
         return loop, False
     earlier, later = render_passes((drive, loop.earlier), (drive, loop.later), beam)
-    start = loop.pose + np.array([*((chain.motion - loop.pose)[:2] @ along * along), 0.0])
-    pose = minimise_rigidly(start, later, make_references(earlier), estimator).state
-    if compute_chi_square(Relative(pose, np.zeros((3, 3))), as_relative(loop)) > LARGEST_CHI_SQUARE:
+    pose = align_near(make_references(earlier), later, loop.pose, chain.motion, along, estimator)
+    if pose is None or compute_chi_square(chain, as_relative(replace(loop, pose=pose))) > LARGEST_CHI_SQUARE:
         return loop, False
     near, expected_m = replace(loop, pose=pose), float((chain.motion - pose)[:2] @ along)
     reach = expected_m - reach_m, expected_m + reach_m
@@ -415,14 +413,20 @@ class LoopCloser:
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
             del chain  # frees the eliminated graph, which takes more memory than anything else here
             self.join(kept)
-        self._place_open_loops()
+        for _ in range(ROUNDS):  # each placed loop makes the trajectory more certain where others are to be placed
+            if not self._place_open_loops():
+                break
         return out_of_reach
 
-    def _place_open_loops(self) -> None:
-        """Places the passes of loops along the directions about which the loops say nothing, where free space shows it."""
+    def _place_open_loops(self) -> bool:
+        """Places the passes of loops along the directions about which the loops say nothing, where free space shows it.
+
+        Returns:
+            Whether some loop was placed and some are left.
+        """
         unplaced = [loop for loop in self.loops if (loop.earlier, loop.later) in self._open]
         if not unplaced:
-            return
+            return False
         chain, pairs = self._optimise(), [(loop.earlier, loop.later) for loop in unplaced]
         openly = list(zip(unplaced, map(self._open.__getitem__, pairs), chain.relate(pairs), strict=True))
         found = self._runner.engine.map(_place_openly, (chain.drive, self._estimator, self._beam), openly)
@@ -440,6 +444,7 @@ class LoopCloser:
         new = {(loop.earlier, loop.later): loop for loop in (*near, *placed)}
         self.loops = [loop for loop in self.loops if (loop.earlier, loop.later) not in new]
         self.join(list(new.values()))
+        return 0 < len(placed) < len(unplaced)
 
     def look_everywhere(self) -> bool:
         """Recognises places that the search around the trajectory does not reach; returns whether new loops were kept.

@@ -7,7 +7,7 @@ correlation, and the pose with the lowest psi is chosen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -252,22 +252,75 @@ def align_passes(
     does_fit = does_match(alignment, MATCHED) and sigma_m <= _SURE_M
     if does_fit and not (on_surfaces and measure_matched_information(references, points, estimator) < MATCHED):
         return alignment
-    return _leave_open(alignment, find_least_shown(points), estimator) if partly else None
+    if not partly:
+        return None
+    return _leave_open(references, later, guess, alignment, find_least_shown(points), estimator)
 
 
-def _leave_open(alignment: Alignment, along: NDArray[np.float64], config: EstimatorConfig) -> Alignment | None:
-    """Returns a registration that says nothing about the position along a direction (2,), a unit vector.
+def _leave_open(
+    references: References,
+    query: PointSet,
+    guess: se2.Array,
+    alignment: Alignment,
+    along: NDArray[np.float64],
+    config: EstimatorConfig,
+) -> Alignment | None:
+    """Returns a registration that says nothing about the position along a direction.
+
+    Along the direction the best pose is one of chance, and it may be far from the guess. The pose with the lowest psi near
+    the guess is taken in its place.
+
+    Args:
+        references: the reference submap in its own frame.
+        query: the query submap in its own frame.
+        guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
+        alignment: registration of the query on the reference, with its rivals.
+        along: (2,) the direction, a unit vector in the reference's frame.
+        config: settings of the score.
 
     Returns:
         The registration; None if the two submaps do not match, if the position across the direction is too uncertain, or if
-        other poses that fit about as well lie elsewhere across it.
+        poses that fit about as well lie elsewhere across it.
     """
+    pose = align_near(references, query, alignment.pose, guess, along, config)
     across = np.array([-along[1], along[0]])
     elsewhere = np.abs((alignment.rivals - alignment.pose)[:, :2] @ across) > compute_same_m(config)
+    if pose is None or elsewhere.any():
+        return None
+    points = move_rigidly(query, pose)
+    evaluation = score_among(references, points, config)
+    matched = float(evaluation.matched.mean())
     shown = np.eye(3)
     shown[:2, :2] = np.outer(across, across)
-    covariance = shown @ alignment.covariance @ shown
-    if alignment.matched < MATCHED or elsewhere.any() or across @ covariance[:2, :2] @ across > _SURE_M**2:
+    covariance = shown @ estimate_covariance(evaluation, points.points, config.cluster_m) @ shown
+    if matched < MATCHED or across @ covariance[:2, :2] @ across > _SURE_M**2:
         return None
     covariance[:2, :2] += _OPEN_M**2 * np.outer(along, along)
-    return replace(alignment, covariance=covariance, rival=np.inf, observed=True, along=along)
+    return Alignment(pose, covariance, matched, evaluation.psi / len(query), np.inf, observed=True, along=along)
+
+
+def align_near(
+    references: References,
+    query: PointSet,
+    pose: se2.Array,
+    guess: se2.Array,
+    along: NDArray[np.float64],
+    config: EstimatorConfig,
+) -> se2.Array | None:
+    """Minimises psi near a guess for submaps that do not show their position along a direction.
+
+    Args:
+        references: the reference submap in its own frame.
+        query: the query submap in its own frame.
+        pose: (3,) pose of the query's frame in the reference's frame, right but for its position along the direction
+            [m, m, rad].
+        guess: (3,) the pose that gives the position along the direction [m, m, rad].
+        along: (2,) the direction, a unit vector in the reference's frame.
+        config: settings of the score.
+
+    Returns:
+        The pose (3,); None if it lies elsewhere across the direction than `pose`.
+    """
+    start = pose + np.array([*((guess - pose)[:2] @ along * along), 0.0])
+    near = minimise_rigidly(start, query, references, config).state
+    return near if abs((near - pose)[:2] @ [-along[1], along[0]]) <= compute_same_m(config) else None
