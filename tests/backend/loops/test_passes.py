@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.keyframe_maps import lap
 from support.passes import path
 
-from mqslam.backend.loops.passes import TrackedRun, render_submap
+from mqslam.backend.loops.passes import MappedDrive, TrackedRun, render_submap
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
@@ -96,3 +97,18 @@ def test_spaced_scans_are_that_far_apart(drive: TrackedRun) -> None:
     step = float(np.diff(drive.travelled).max())
     np.testing.assert_allclose(np.diff(drive.travelled[nodes]), 5.0, atol=step)
     assert nodes[0] == 0 and drive.travelled[-1] - drive.travelled[nodes[-1]] < 5.0
+
+
+def test_the_sensor_stands_at_the_range_of_each_point() -> None:
+    """The points of several scans of a lap, rendered from the scans and from the map's keyframes."""
+    scans, poses, keyframes = lap()
+    run, mapped = TrackedRun.of(scans, poses), MappedDrive.of(keyframes)
+    chosen = np.array([4, 6, 9])
+    ranges = np.concatenate([scans[k].returns.ranges for k in chosen])
+    rows = np.concatenate([np.arange(*keyframes.rows[k]) for k in chosen])
+    for drive, expected in ((run, ranges), (mapped, keyframes.points["range"][rows])):
+        points, origins = drive.render(6, chosen, BEAM).points, drive.find_origins(6, chosen)
+        assert len(origins) == len(points)
+        np.testing.assert_allclose(np.hypot(*(points - origins).T), expected, atol=1e-3)
+        along = np.hypot(*se2.between(drive.poses[6], drive.poses[chosen])[:, :2].T)
+        assert np.hypot(*origins.T).max() < along.max() + 3.0
