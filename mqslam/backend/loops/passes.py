@@ -122,16 +122,17 @@ class TrackedRun:
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
         returns = Returns.concatenate([self.scans[k].returns for k in chosen])
-        first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
-        local = se2.between(self.poses[centre], self.poses[first:last])
-        return place_along(returns, self.times[first:last], local, beam)
+        return place_along(returns, *self._cut(centre, chosen), beam)
 
     def find_origins(self, centre: int, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
         """Returns the sensor's positions (N, 2) [m] at the times of the points that `render` returns, in the same frame."""
         times = np.concatenate([self.scans[k].returns.times for k in chosen])
+        return se2.find_poses_of_returns(*self._cut(centre, chosen), times)[:, :2]
+
+    def _cut(self, centre: int, chosen: NDArray[np.int64]) -> tuple[NDArray[np.float64], se2.Array]:
+        """Returns the times (K,) [s] and poses (K, 3) around the scans `chosen`, with poses in the frame of `centre`."""
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
-        local = se2.between(self.poses[centre], self.poses[first:last])
-        return se2.find_poses_of_returns(self.times[first:last], local, times)[:, :2]
+        return self.times[first:last], se2.between(self.poses[centre], self.poses[first:last])
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:

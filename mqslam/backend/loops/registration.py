@@ -252,7 +252,7 @@ def align_passes(
     does_fit = does_match(alignment, MATCHED) and sigma_m <= _SURE_M
     if does_fit and not (on_surfaces and measure_matched_information(references, points, estimator) < MATCHED):
         return alignment
-    if not partly:
+    if not partly or np.isinf(alignment.psi):
         return None
     return _leave_open(references, later, guess, alignment, find_least_shown(points), estimator)
 
