@@ -202,7 +202,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
     found = pool(spans, STEADY)
     assert found is not None
     assert found.bias.value[0] == pytest.approx(-0.003, abs=0.0004)
-    assert found.p_value[0] < 1e-4
+    assert found.bias.p_value[0] < 1e-4
 
 
 @pytest.mark.parametrize("heading", [0.0, np.pi, 1.0])
@@ -219,7 +219,7 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     for _ in range(200):
         found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY)
         assert found is not None
-        chances.append(found.p_value)
+        chances.append(found.bias.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
 
 
@@ -257,6 +257,6 @@ def test_a_drift_of_the_yaw_that_psi_itself_may_have_is_no_evidence_on_a_short_d
         offsets = random.normal([0.0, 0.0, 30.0 * 2e-5], [0.02, 0.02, 1e-4], (count, 3))
         found = pool([span(off) for off in offsets], STEADY)
         assert found is not None
-        return float(found.p_value[2])
+        return float(found.bias.p_value[2])
 
     assert p_value(20) > share_of_false_alarms(CONFIG.verdict) > 1e-6 > p_value(400)

@@ -304,7 +304,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
 
 def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("kept", "damaged")
-    orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
+    orders = [Order(name, tmp_path / "drive", "psi", Config(), "none") for name in names]
     verdict = {"status": "not judged", "reasons": ["2 scans"]}
     summary = summarise(orders, [RunOutcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
     (tmp_path / "kept").mkdir()
