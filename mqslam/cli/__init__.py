@@ -40,9 +40,9 @@ app = typer.Typer(
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
     cls=Group,
-    epilog="Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or "
-    "worse, an audit is worse than its --baseline, or a run of batch failed; 2 the command or its input holds a mistake, "
-    "which one line describes; 3 run or audit was given --fail-on, but the map could not be judged; 129, 130 and 143 "
+    epilog="Exit codes: 0 done; 1 check found something suspicious, a verdict of run, audit or batch is as bad as --fail-on "
+    "or worse, an audit is worse than its --baseline, or a run of batch failed; 2 the command or its input holds a mistake, "
+    "which one line describes; 3 run, audit or batch was given --fail-on, but a map could not be judged; 129, 130 and 143 "
     "interrupted.",
 )
 _EVERYDAY, _MAPS, _DATA, _RESEARCH = "Everyday", "Maps", "Data and settings", "Research"

@@ -80,7 +80,7 @@ def _format(differences: dict[str, Any]) -> str:
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
     if len(shown) < len(differences["figures"]):
-        parts.append(f"and {len(differences['figures']) - len(shown)} more figures, which --json lists")
+        parts.append(f"and {len(differences['figures']) - len(shown)} other figures differ, which --json lists")
     if differences["psi_not_compared"] is not None:
         parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]

@@ -14,12 +14,19 @@ from mqslam.core.wording import count_of
 
 
 class Status(StrEnum):
-    """How far a measurement can be trusted."""
+    """How far a measurement can be trusted.
+
+    Attributes:
+        CONVERGED: the motion is measured, and its covariance holds.
+        DEGENERATE: a direction is not observed; the covariance is large along it.
+        AMBIGUOUS: two motions explain the scan about equally well.
+        LOST: too little of the scan fits the map; the motion is a prediction.
+    """
 
     CONVERGED = "converged"
-    DEGENERATE = "degenerate"  # a direction is not observed: the covariance is large along it
-    AMBIGUOUS = "ambiguous"  # two motions explain the scan about equally well
-    LOST = "lost"  # too little of the scan fits the map; the motion is a prediction
+    DEGENERATE = "degenerate"
+    AMBIGUOUS = "ambiguous"
+    LOST = "lost"
 
 
 @dataclass(frozen=True, slots=True)

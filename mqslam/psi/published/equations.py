@@ -26,7 +26,7 @@ version of this module.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numba as nb
@@ -58,9 +58,9 @@ class PsiScore:
     pairs_psi: float
     charge: float
     pairs: int
-    matched: NDArray[np.bool_]
-    shares: NDArray[np.float64]
-    gradient: NDArray[np.float64]
+    matched: NDArray[np.bool_] = field(repr=False)
+    shares: NDArray[np.float64] = field(repr=False)
+    gradient: NDArray[np.float64] = field(repr=False)
 
     @property
     def psi(self) -> float:
