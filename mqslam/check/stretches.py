@@ -82,7 +82,7 @@ def read_stretches(
     odometry: Trajectory | None,
     detector: DetectorConfig,
     progress: Callable[[int, int], object],
-    count: int = STRETCHES,
+    count: int | None = None,
 ) -> list[Stretch]:
     """Reads the stretches in which odometry's yaw rate changes most; without odometry, evenly spread stretches.
 
@@ -91,7 +91,7 @@ def read_stretches(
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
         progress: called with the number of polar scans that were read, and the number of polar scans to read.
-        count: largest number of stretches to read.
+        count: largest number of stretches to read; None reads `STRETCHES`.
     """
     spans = choose_spans(recording, odometry, count)
     total = sum(end - begin for begin, end in spans)
@@ -119,12 +119,13 @@ def read_stretches(
     ]
 
 
-def choose_spans(recording: Recording, odometry: Trajectory | None, count: int = STRETCHES) -> list[tuple[int, int]]:
+def choose_spans(recording: Recording, odometry: Trajectory | None, count: int | None = None) -> list[tuple[int, int]]:
     """Chooses stretches without gaps that do not overlap, as (first polar scan, last polar scan + 1), for `read_stretches`.
 
     The arguments are those of `read_stretches`. If gaps leave no stretch of the usual length, all stretches are as long as
     the longest stretch without a gap.
     """
+    count = STRETCHES if count is None else count
     gap_after = np.zeros(len(recording), dtype=np.int64)
     gap_after[[k for k, _ in recording.gaps()]] = 1
     gaps = np.cumsum(gap_after) - gap_after  # number of gaps before each polar scan
