@@ -30,7 +30,7 @@ from mqslam.backend.loops.chain import (
     compute_layouts,
     keep_consistent,
 )
-from mqslam.backend.loops.free_space import place_along
+from mqslam.backend.loops.free_space import Beams, place_along
 from mqslam.backend.loops.passes import (
     LATER_SHARE,
     MATCHED,
@@ -299,7 +299,9 @@ def _place_openly(
         return loop, False
     near, expected_m = replace(loop, pose=pose), float((chain.motion - pose)[:2] @ along)
     reach = expected_m - reach_m, expected_m + reach_m
-    placed = place_along(drive, near, along, reach, beam, estimator.cluster_m)
+    origins = passes.find_origins(drive, loop.earlier, loop.later)
+    beams = Beams(origins[0], earlier.points), Beams(origins[1], later.points)
+    placed = place_along(near, along, reach, *beams, estimator.cluster_m)
     return (near, False) if placed is None else (placed, True)
 
 

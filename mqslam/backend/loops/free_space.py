@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
-from mqslam.backend.loops.passes import LATER_SHARE, SPACING_M, SUBMAP_M, Passes, pick_around
+from mqslam.backend.loops.registration import set_sigma_along
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.psi.covariance import sum_by_object
-from mqslam.psi.place import Beam
 
 # Side of a cell of the image of free space [m, in the recording's unit].
 _CELL_M = 0.08
@@ -136,33 +135,29 @@ def find_way_along(
 
 
 def place_along(
-    drive: Passes, loop: Loop, along: NDArray[np.float64], reach: tuple[float, float], beam: Beam, cluster_m: float
+    loop: Loop,
+    along: NDArray[np.float64],
+    reach: tuple[float, float],
+    earlier: Beams,
+    later: Beams,
+    cluster_m: float,
 ) -> Loop | None:
     """Places the later pass of a loop along a direction about which the loop says nothing.
 
     Args:
-        drive: scans under the present trajectory.
         loop: the loop.
         along: (2,) the direction, a unit vector in the frame of the earlier scan.
         reach: least and largest way from the loop's pose along the direction [m].
-        beam: the sensor's errors.
+        earlier: beams of the earlier pass's submap.
+        later: beams of the later pass's submap.
         cluster_m: size of an object [m].
 
     Returns:
         The loop with the position that free space shows; None if it shows none, as `find_way_along` explains it.
     """
-
-    def render(centre: int, around_m: float) -> Beams:
-        chosen = pick_around(drive.travelled, centre, around_m, SPACING_M)
-        return Beams(drive.find_origins(centre, chosen), drive.render(centre, chosen, beam).points)
-
-    earlier, later = render(loop.earlier, SUBMAP_M), render(loop.later, LATER_SHARE * SUBMAP_M)
     found = find_way_along(earlier, later, loop.pose, along, reach, cluster_m)
     if found is None:
         return None
     way, sigma = found
-    shown = np.eye(3)
-    shown[:2, :2] -= np.outer(along, along)
-    covariance = shown @ loop.covariance @ shown
-    covariance[:2, :2] += sigma**2 * np.outer(along, along)
+    covariance = set_sigma_along(loop.covariance, along, sigma)
     return replace(loop, pose=loop.pose + np.array([*(way * along), 0.0]), covariance=covariance)

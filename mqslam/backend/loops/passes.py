@@ -26,6 +26,7 @@ SPACING_M = 5.0
 SUBMAP_M = 15.0
 # Length of the later pass's submap as a share of the earlier pass's, so that the later one lies within the earlier one.
 LATER_SHARE = 0.5
+_REACHES_M: Final = (SUBMAP_M, LATER_SHARE * SUBMAP_M)  # path to either side of the earlier and of the later submap [m]
 # Points of a submap within this distance show the surface on which a point lies [m, in the recording's unit].
 _AROUND_M = 1.0
 # Multiple of the spread along a surface that is added to a point's covariance.
@@ -174,10 +175,17 @@ def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: 
         surfaces on which they lie, so that walls do not show the place along them.
     """
     submaps = []
-    for (drive, centre), reach_m in ((earlier, SUBMAP_M), (later, LATER_SHARE * SUBMAP_M)):
+    for (drive, centre), reach_m in zip((earlier, later), _REACHES_M, strict=True):
         points = render_submap(drive, centre, reach_m, beam)
         submaps.append(widen_along_surfaces(points) if drive.shows_surfaces else points)
     return submaps[0], submaps[1]
+
+
+def find_origins(drive: Passes, earlier: int, later: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the sensor's positions (N, 2) [m] for the points of both submaps that `render_passes` renders of one drive."""
+    centres = zip((earlier, later), _REACHES_M, strict=True)
+    found = [drive.find_origins(c, pick_around(drive.travelled, c, reach_m, SPACING_M)) for c, reach_m in centres]
+    return found[0], found[1]
 
 
 def widen_along_surfaces(points: PointSet) -> PointSet:

@@ -247,10 +247,11 @@ def align_passes(
         return None
     references = make_references(earlier)
     alignment = align(references, later, guess, reach, estimator, rival_sigmas=0.0 if partly else None)
+    does_fit = does_match(alignment, MATCHED) and np.sqrt(np.diag(alignment.covariance)[:2]).max() <= _SURE_M
+    if not on_surfaces:
+        return alignment if does_fit else None
     points = move_rigidly(later, alignment.pose)
-    sigma_m = np.sqrt(np.diag(alignment.covariance)[:2]).max()
-    does_fit = does_match(alignment, MATCHED) and sigma_m <= _SURE_M
-    if does_fit and not (on_surfaces and measure_matched_information(references, points, estimator) < MATCHED):
+    if does_fit and measure_matched_information(references, points, estimator) >= MATCHED:
         return alignment
     if not partly or np.isinf(alignment.psi):
         return None
@@ -290,13 +291,28 @@ def _leave_open(
     points = move_rigidly(query, pose)
     evaluation = score_among(references, points, config)
     matched = float(evaluation.matched.mean())
-    shown = np.eye(3)
-    shown[:2, :2] = np.outer(across, across)
-    covariance = shown @ estimate_covariance(evaluation, points.points, config.cluster_m) @ shown
+    covariance = estimate_covariance(evaluation, points.points, config.cluster_m)
     if matched < MATCHED or across @ covariance[:2, :2] @ across > _SURE_M**2:
         return None
-    covariance[:2, :2] += _OPEN_M**2 * np.outer(along, along)
+    covariance = set_sigma_along(covariance, along, _OPEN_M)
     return Alignment(pose, covariance, matched, evaluation.psi / len(query), np.inf, observed=True, along=along)
+
+
+def set_sigma_along(covariance: NDArray[np.float64], along: NDArray[np.float64], sigma_m: float) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) of a pose with another standard deviation of its position along a direction.
+
+    The position along the direction is then correlated with nothing else.
+
+    Args:
+        covariance: (3, 3) covariance of the pose [m, m, rad].
+        along: (2,) the direction, a unit vector in the frame of the covariance.
+        sigma_m: the standard deviation along the direction [m].
+    """
+    others = np.eye(3)
+    others[:2, :2] -= np.outer(along, along)
+    changed = others @ covariance @ others
+    changed[:2, :2] += sigma_m**2 * np.outer(along, along)
+    return np.asarray(changed)
 
 
 def align_near(

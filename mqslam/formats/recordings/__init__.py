@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from mqslam.core.recording import Recording
 from mqslam.core.wording import join_words
@@ -81,27 +81,18 @@ def open_recording(
         >>> solved = mqslam.Slam().run(recording, recording.odometry)  # doctest: +SKIP
     """
     path = to_path(path, "a recording")
-    given = {
+    given: dict[str, Any] = {
         "format": format,
         "range_resolution": range_resolution,
         "range_offset": range_offset,
         "clockwise": clockwise,
         "stamp": stamp,
-        "topics": None if topics == USUAL_TOPICS else topics,
+        "topics": topics,
         "encoder_size": encoder_size,
     }
     with suppress(OfLidarError):
-        return open_radar(
-            path,
-            format,
-            range_resolution,
-            range_offset=range_offset,
-            clockwise=clockwise,
-            stamp=stamp,
-            topics=topics,
-            encoder_size=encoder_size,
-        )
-    if others := [name for name, value in given.items() if value is not None]:
+        return open_radar(path, **given)
+    if others := [name for name, value in given.items() if value is not None and value != USUAL_TOPICS]:
         raise ConfigError(f"{path}: is a lidar's recording; leave out {join_words(others)}, which only radars' can use")
     return read_lidar(path)
 

@@ -10,7 +10,7 @@ from support.passes import let_passes_follow
 
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.loops.free_space import Beams, FreeSpace, place_along
-from mqslam.backend.loops.passes import TrackedRun, render_passes
+from mqslam.backend.loops.passes import TrackedRun, find_origins, render_passes
 from mqslam.backend.loops.registration import align_passes
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -36,6 +36,14 @@ def join_partly(drive: TrackedRun, earlier: int) -> tuple[Loop, NDArray[np.float
     return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi), found.along, truth
 
 
+def place_openly(drive: TrackedRun, loop: Loop, along: NDArray[np.float64], reach: tuple[float, float]) -> Loop | None:
+    """Places the later pass of a loop by the free space of its two submaps."""
+    submaps = render_passes((drive, loop.earlier), (drive, loop.later), BEAM)
+    origins = find_origins(drive, loop.earlier, loop.later)
+    earlier, later = (Beams(start, submap.points) for start, submap in zip(origins, submaps, strict=True))
+    return place_along(loop, along, reach, earlier, later, ESTIMATOR.cluster_m)
+
+
 @pytest.mark.parametrize("walls", [BARE, build_corridor(1), build_corridor(2)])
 def test_walls_alone_join_passes_across_a_corridor_and_in_yaw(walls: NDArray[np.float64]) -> None:
     loop, along, truth = join_partly(drive_twice(walls, 1.0, back=True), 40)
@@ -52,7 +60,7 @@ def test_free_space_places_passes_along_a_corridor(seed: int, earlier: int) -> N
     drive = drive_twice(build_corridor(seed), 1.0, back=True)
     loop, along, truth = join_partly(drive, earlier)
     expected = float(along @ (truth - loop.pose)[:2])
-    placed = place_along(drive, loop, along, (expected - 3.0, expected + 5.0), BEAM, ESTIMATOR.cluster_m)
+    placed = place_openly(drive, loop, along, (expected - 3.0, expected + 5.0))
     assert placed is not None
     np.testing.assert_allclose(placed.pose[:2], truth[:2], atol=0.15)
     sigma = float(np.sqrt(along @ placed.covariance[:2, :2] @ along))
@@ -62,14 +70,14 @@ def test_free_space_places_passes_along_a_corridor(seed: int, earlier: int) -> N
 def test_a_bare_corridor_leaves_the_place_along_it_open() -> None:
     drive = drive_twice(BARE, 1.0, back=True)
     loop, along, _ = join_partly(drive, 40)
-    assert place_along(drive, loop, along, (-4.0, 4.0), BEAM, ESTIMATOR.cluster_m) is None
+    assert place_openly(drive, loop, along, (-4.0, 4.0)) is None
 
 
 def test_a_place_at_the_end_of_the_reach_is_not_taken() -> None:
     drive = drive_twice(build_corridor(1), 1.0, back=True)
     loop, along, truth = join_partly(drive, 40)
     expected = float(along @ (truth - loop.pose)[:2])
-    assert place_along(drive, loop, along, (expected + 0.1, expected + 0.9), BEAM, ESTIMATOR.cluster_m) is None
+    assert place_openly(drive, loop, along, (expected + 0.1, expected + 0.9)) is None
 
 
 def test_space_is_free_up_to_the_shorter_of_two_neighbouring_beams() -> None:
