@@ -520,12 +520,14 @@ class LoopCloser:
         self._decided |= {c[:2] for c in candidates} - self._implausible
         self._ambiguous += sum(score.ambiguous for score in scores)
         self._unsure = len(unsure)
-        whole = [score.loop for score in scores if score.loop is not None and score.along is None]
-        if self._groups is not None:  # recordings are joined only by loops that say how they lie to each other
-            return whole
-        openly = [(score.loop, score.along) for score in scores if score.loop is not None and score.along is not None]
-        self._open |= {(loop.earlier, loop.later): along for loop, along in openly}
-        return [*whole, *(loop for loop, _ in openly)]
+        new: list[Loop] = []
+        for loop, along in ((score.loop, score.along) for score in scores):
+            if loop is None or (along is not None and self._groups is not None):
+                continue  # recordings are joined only by loops that say how they lie to each other
+            if along is not None:
+                self._open[loop.earlier, loop.later] = along
+            new.append(loop)
+        return new
 
     def _optimise(self) -> Chain:
         """Returns the trajectory, optimised with the loops found so far; the first one replaces a missing `before`."""

@@ -197,8 +197,10 @@ def find_least_shown(points: PointSet) -> NDArray[np.float64]:
     return least
 
 
-def measure_matched_information(references: References, points: PointSet, config: EstimatorConfig) -> float:
-    """Returns which share of what the points show of the direction that they show least is shown by matched points.
+def measure_matched_information(
+    references: References, points: PointSet, along: NDArray[np.float64], config: EstimatorConfig
+) -> float:
+    """Returns which share of what the points show of their place along a direction is shown by matched points.
 
     Two passes of one corridor match along its walls wherever they lie along the corridor. Only the few points that show the
     place along it tell whether the passes match there; they hardly change the share of the points that match.
@@ -206,13 +208,14 @@ def measure_matched_information(references: References, points: PointSet, config
     Args:
         references: fixed points.
         points: the points, in the references' frame, with covariances that are wide along surfaces.
+        along: (2,) the direction, a unit vector in the references' frame.
         config: settings of the score.
 
     Returns:
         The share, from 0 to 1. A point shows a direction by one over its variance along it.
     """
     xx, xy, yy = points.covariances.T
-    x, y = find_least_shown(points)
+    x, y = along
     shown = 1.0 / (x * x * xx + 2.0 * x * y * xy + y * y * yy)
     return float(shown @ score_among(references, points, config).matched / shown.sum())
 
@@ -251,11 +254,12 @@ def align_passes(
     if not on_surfaces:
         return alignment if does_fit else None
     points = move_rigidly(later, alignment.pose)
-    if does_fit and measure_matched_information(references, points, estimator) >= MATCHED:
+    along = find_least_shown(points)
+    if does_fit and measure_matched_information(references, points, along, estimator) >= MATCHED:
         return alignment
     if not partly or np.isinf(alignment.psi):
         return None
-    return _leave_open(references, later, guess, alignment, find_least_shown(points), estimator)
+    return _leave_open(references, later, guess, alignment, along, estimator)
 
 
 def _leave_open(
