@@ -7,9 +7,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
 from bench.commands import read_json, run_by_default
 from bench.recordings import SHARED, shared
+from scipy.spatial import cKDTree
+
+from mqslam.backend.marginals import Uncertainty
+from mqslam.commands.run import open_job
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.runner import Runner
+from mqslam.slam import Slam
 
 _NAMES = ("intel", "fr079")
 _OURS = "psi"
@@ -21,12 +31,15 @@ _PUBLISHED = {
 }
 _MOST = {"intel": (0.030, 0.6), "fr079": (0.045, 0.55)}  # bounds on metres and degrees of all relations
 _MOST_BY_LOOPS_M = 0.05
+_NEES = 0.3, 3.0  # bounds on the mean over all relations of the normalised squared error over 3
+_NEAR_S = 0.02  # a relation counts if there are poses within this time of both of its ends, as the judge has it
 
 
 def _measure(out: Path) -> list[Row]:
     rows = []
     for name in _NAMES:
-        folder = run_by_default(shared(SHARED / "data" / "planar" / f"{name}.log.gz"), out / name)
+        log = shared(SHARED / "data" / "planar" / f"{name}.log.gz")
+        folder = run_by_default(log, out / name)
         summary = read_json(folder / "summary.json")
         dataset = summary["dataset"]
         cells: dict[str, Cell] = {
@@ -35,6 +48,7 @@ def _measure(out: Path) -> list[Row]:
             **_score(folder / "trajectory.tum", name),
             "verdict": summary["verdict"]["status"],
             "real_time": dataset["duration_s"] / summary["runtime_s"]["total"],
+            **_judge_covariances(log, name),
         }
         rows.append(Row(cells))
         rows.append(Row({"run": name, "method": "wheels", **_score(folder / "odometry.tum", name)}, judged=False))
@@ -46,7 +60,7 @@ def _measure(out: Path) -> list[Row]:
 def _score(trajectory: Path, name: str) -> dict[str, Cell]:
     """Scores a trajectory, a TUM file, as the judge of shared material scores it."""
     judge = shared(SHARED / "tools" / "score_relations.py")
-    words = [sys.executable, str(judge), str(trajectory), str(shared(SHARED / "data" / "planar" / f"{name}.relations.gz"))]
+    words = [sys.executable, str(judge), str(trajectory), str(_find_relations(name))]
     found = json.loads(subprocess.run([*words, "--json"], capture_output=True, check=True, text=True).stdout)
     (metres, metres_sd), (degrees, _), (by_loops, _) = (found[key] for key in ("metres", "degrees", "loops_metres"))
     return {
@@ -56,6 +70,31 @@ def _score(trajectory: Path, name: str) -> dict[str, Cell]:
         "degrees": degrees,
         "by_loops": by_loops,
     }
+
+
+def _find_relations(name: str) -> Path:
+    """Returns the file of a run's relations: two times [s], x, y, z [m], roll, pitch and yaw [rad] in each line."""
+    return shared(SHARED / "data" / "planar" / f"{name}.relations.gz")
+
+
+def _judge_covariances(log: Path, name: str) -> dict[str, Cell]:
+    """Compares the errors of relations with the run's covariances of the same relative poses.
+
+    A run does not write covariances of poses relative to any other pose, so that the log is solved once more.
+    """
+    job = open_job(log, Config())
+    with LocalEngine(2) as engine:
+        run = Slam(job.settings, job.frontend, Runner(engine)).run(job.recording, job.odometry, job.sensors)
+    relations = np.loadtxt(_find_relations(name), ndmin=2)
+    times = cKDTree(run.optimised.stamps_us[:, None] * 1e-6)
+    (late_a, a), (late_b, b) = (times.query(relations[:, [k]]) for k in (0, 1))
+    near = (late_a <= _NEAR_S) & (late_b <= _NEAR_S) & (a != b)
+    a, b, poses = a[near], b[near], run.optimised.poses
+    errors = se2.between(poses[a], poses[b]) - relations[near][:, [2, 3, 7]]
+    errors[:, 2] = se2.wrap(errors[:, 2])
+    covariances = Uncertainty(run.graph, run.values).relate(list(zip(a.tolist(), b.tolist(), strict=True)))
+    normalised = se2.normalise(errors, covariances) / 3.0
+    return {"nees": float(normalised.mean()), "nees_median": float(np.median(normalised))}
 
 
 BENCHMARKS = {
@@ -72,6 +111,8 @@ BENCHMARKS = {
             Column("metres_sd", "sd [m]", "{:.3f}"),
             Column("degrees", "[deg]", "{:.3f}", Goal.LOW),
             Column("by_loops", "of loops [m]", "{:.4f}", Goal.LOW),
+            Column("nees", "NEES/3", "{:.2f}", Goal.ONE),
+            Column("nees_median", "median", "{:.2f}"),
             Column("verdict", "verdict", "{}"),
             Column("real_time", "times real time", "{:.1f}"),
         ),
@@ -80,6 +121,7 @@ BENCHMARKS = {
             *(Bound("metres", {"run": name, "method": _OURS}, most=_MOST[name][0]) for name in _NAMES),
             *(Bound("degrees", {"run": name, "method": _OURS}, most=_MOST[name][1]) for name in _NAMES),
             Bound("by_loops", {"method": _OURS}, most=_MOST_BY_LOOPS_M),
+            Bound("nees", {"method": _OURS}, least=_NEES[0], most=_NEES[1]),
         ),
     ),
 }
