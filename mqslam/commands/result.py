@@ -14,12 +14,13 @@ from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, Remedy, to_path, untrusted
-from mqslam.execution.folders import CHECKPOINT
+from mqslam.execution.folders import CHECKPOINT, find_unfinished
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
+_SUMMARIES: Final = ("summary.json", "audit.json", "compare.json", "batch.json")
 _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
 
 
@@ -192,6 +193,8 @@ def read_result(folder: Path | str) -> Result:
         >>> print(result, result.read_trajectory().length_m)  # doctest: +SKIP
     """
     folder = to_path(folder, "folder")
+    if (place := find_unfinished(folder)) is not None:
+        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
     for name, kind in (("audit.json", AuditResult), ("batch.json", Result)):
         if (folder / name).is_file():
             return kind(folder, _read_summary(folder / name, ("warnings",)))
@@ -213,11 +216,22 @@ def _explain_missing(folder: Path) -> DataError:
     if not folder.is_dir():
         return DataError(folder, "is a file", _REMEDY)
     if (folder / CHECKPOINT).is_dir():
-        problem = "holds work that is not finished, and no result yet"
-        return DataError(folder, problem, f"wait until the work has ended, or repeat its command and {Remedy.RESUME}")
-    inner = next((path.parent.name for path in sorted(folder.glob("*/summary.json"))), None)
+        return _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
+    inner = next(iter(_list_results(folder)), None)
     remedy = _REMEDY if inner is None else f"give a folder in it that holds a result, such as {inner}"
     return DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", remedy)
+
+
+def _explain_unfinished(folder: Path, problem: str, place: Path) -> DataError:
+    """Returns the error for a folder with unfinished work, whose result is to become the folder `place`."""
+    again = f"repeat its command and {Remedy.RESUME}" if (place / CHECKPOINT).is_dir() else "repeat its command"
+    return DataError(folder, problem, f"wait until the work has ended, or {again}")
+
+
+def _list_results(folder: Path) -> list[str]:
+    """Lists the names of the folders in a folder that hold results; hidden folders are left out."""
+    found = {path.parent.name for name in _SUMMARIES for path in folder.glob(f"*/{name}")}
+    return sorted(name for name in found if not name.startswith("."))
 
 
 def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:

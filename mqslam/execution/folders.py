@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -157,6 +158,19 @@ def _name_beside(out: Path, word: str) -> Path:
         number += 1
         path = out.with_name(f".{out.name}.{word}.{number}")
     return path
+
+
+def find_unfinished(folder: Path) -> Path | None:
+    """Finds the place of a result that is not finished.
+
+    Args:
+        folder: a folder that may be the hidden one in which a command writes its result until it is whole.
+
+    Returns:
+        The folder that the result becomes when it is whole; None if `folder` is no such hidden folder.
+    """
+    match = re.fullmatch(rf"\.(.+)\.{_UNFINISHED}(\.\d+)?", folder.resolve().name)
+    return folder.resolve().with_name(match[1]) if match else None
 
 
 def _check_place(out: Path, sources: Sequence[Path]) -> None:

@@ -104,6 +104,24 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
     assert f"unfinished: holds work that is not finished, and no result yet; {remedy}" in refuse(tmp_path / "unfinished")
 
 
+def test_an_unfinished_result_is_neither_suggested_nor_opened(finished: Path, tmp_path: Path) -> None:
+    for name in (".out.unfinished", ".out.unfinished.1", ".a.replaced", "later"):
+        shutil.copytree(finished, tmp_path / name)
+    (tmp_path / "earlier").mkdir()
+    shutil.copy(finished / "summary.json", tmp_path / "earlier" / "audit.json")
+    shown = mqslam("show", tmp_path)
+    assert shown.code == 2 and "; give a folder in it that holds a result, such as earlier\n" in shown.err
+    for name in (".out.unfinished", ".out.unfinished.1"):
+        shown = mqslam("show", tmp_path / name)
+        problem = "holds results for out that were not written to their end; wait until the work has ended, or repeat its"
+        assert shown.code == 2 and shown.err.endswith(f"{name}: {problem} command\n")
+        with pytest.raises(DataError, match="not written to their end"):
+            package.read_result(tmp_path / name)
+    (tmp_path / "out" / CHECKPOINT).mkdir(parents=True)
+    shown = mqslam("show", tmp_path / ".out.unfinished")
+    assert "or repeat its command and continue with --resume\n" in shown.err
+
+
 def test_show_prints_what_the_run_printed(finished: Path) -> None:
     shown = mqslam("show", finished)
     assert shown.code == 0
