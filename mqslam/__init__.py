@@ -10,8 +10,8 @@ Public names, all typed; none of them prints anything:
 - `run`, `audit`, `compare` and `localise` take the path of a recording and a folder for the results, and return the results
   that they have written there.
 - `merge` makes one map from the results of several recordings; `read_result` reads any result again from its folder.
-- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return; each is a
-  `Result`, and a verdict is a `VerdictStatus`.
+- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return, and
+  `BatchResult` is what `mqslam batch` has written; each is a `Result`, and a verdict is a `VerdictStatus`.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `detect` returns the scans of a recording with their returns; `score` computes psi of a window of scans under a motion,
   as a `PsiScore`.
@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.commands.own_graph import psi_factors as psi_factors
     from mqslam.commands.own_graph import refine as refine
     from mqslam.commands.result import AuditResult as AuditResult
+    from mqslam.commands.result import BatchResult as BatchResult
     from mqslam.commands.result import CompareResult as CompareResult
     from mqslam.commands.result import LocaliseResult as LocaliseResult
     from mqslam.commands.result import MergeResult as MergeResult
@@ -89,6 +90,7 @@ _MODULES = {
     "PsiFactors": "commands.own_graph",
     "RefinedGraph": "commands.own_graph",
     "AuditResult": "commands.result",
+    "BatchResult": "commands.result",
     "CompareResult": "commands.result",
     "LocaliseResult": "commands.result",
     "MergeResult": "commands.result",

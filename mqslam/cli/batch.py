@@ -15,7 +15,7 @@ from mqslam.errors import show
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from mqslam.commands.result import Result
+    from mqslam.commands.result import BatchResult
 
 _OWN: Options = {
     "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; docs/how-to/batch.md shows one."),
@@ -60,7 +60,7 @@ def batch(terminal: Terminal, *, fail_on: Literal["warn", "fail"] | None, **give
     raise typer.Exit(1 if summary["counts"]["failed"] or 1 in codes else max(codes, default=0))
 
 
-def print_batch(terminal: Terminal, result: Result) -> None:
+def print_batch(terminal: Terminal, result: BatchResult) -> None:
     """Prints the results of a batch as text for people."""
     from rich.console import Console
 

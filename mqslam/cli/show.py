@@ -24,7 +24,7 @@ _PRINT: dict[str, Any] = {
     "CompareResult": print_compared,
     "LocaliseResult": print_localised,
     "MergeResult": print_merged,
-    "Result": print_batch,
+    "BatchResult": print_batch,
 }
 
 

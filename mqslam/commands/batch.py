@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from mqslam.commands.inputs import CHOICES, Inputs, read_extrinsics
-from mqslam.commands.result import Result
+from mqslam.commands.result import BatchResult
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, Section, change_config, list_shipped, load_config
@@ -206,7 +206,7 @@ class Terms:
     force: bool
 
 
-def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
+def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> BatchResult:
     """Runs many recordings and writes one report on all; if a run fails, the report says why and the other runs go on.
 
     Args:
@@ -237,7 +237,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         summary = summarise(orders, outcomes)
         write_batch(out, summary)
         add_warnings(out / "batch.json", summary, write_batch_page(out, plan.stem, summary, text))
-        return Result(out, summary)
+        return BatchResult(out, summary)
 
 
 def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutcome]:

@@ -24,7 +24,7 @@ _COMMANDS: Final = {
     "CompareResult": "compare",
     "LocaliseResult": "localise",
     "MergeResult": "merge",
-    "Result": "batch",
+    "BatchResult": "batch",
 }
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
@@ -71,7 +71,7 @@ def diff_results(
             f"is the result of another command than {first} ({_COMMANDS[kinds[1]]}, not {_COMMANDS[kinds[0]]})",
             _REMEDY,
         )
-    if kinds[0] == "Result":
+    if kinds[0] == "BatchResult":
         return _compare_batches(*results)
     given = [_read_entry(result.folder) for result in results]
     if None in given:

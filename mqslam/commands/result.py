@@ -13,7 +13,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, Remedy, to_path, untrusted
+from mqslam.errors import ConfigError, DataError, Remedy, suggest, to_path, untrusted
 from mqslam.execution.folders import CHECKPOINT, find_unfinished
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
@@ -21,6 +21,7 @@ from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
 _SUMMARIES: Final = ("summary.json", "audit.json", "compare.json", "batch.json")
+_RUNS_SHOWN: Final = 5  # names of runs that a batch's facts list for each verdict
 _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
 
 
@@ -174,6 +175,45 @@ class CompareResult(Result):
         return best["sentence"] if best else ""
 
 
+class BatchResult(Result):
+    """The result of a batch."""
+
+    @property
+    def verdicts(self) -> dict[str, VerdictStatus | None]:
+        """The verdict of every run by its name, None for a run that failed; the gravest come first."""
+        return {run["name"]: VerdictStatus(run["verdict"]) if run["verdict"] else None for run in self.summary["runs"]}
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """The most important facts of the batch, as texts by their names."""
+        names: dict[str, list[str]] = {}
+        for run in self.summary["runs"]:
+            names.setdefault(run["verdict"] or "failed", []).append(run["name"])
+        more = {verdict: ", ..." if len(runs) > _RUNS_SHOWN else "" for verdict, runs in names.items()}
+        groups = [f"{len(runs)} {name} ({', '.join(runs[:_RUNS_SHOWN])}{more[name]})" for name, runs in names.items()]
+        return {"runs": ", ".join(groups) or "none"} | super().facts
+
+    def read_run(self, name: str) -> RunResult:
+        """Reads the result of a run.
+
+        Args:
+            name: name of the run, which is a key of `verdicts`.
+
+        Raises:
+            ConfigError: the batch has no run of this name.
+            DataError: the run failed, or its result cannot be read.
+        """
+        row = next((run for run in self.summary["runs"] if run["name"] == name), None)
+        if row is None:
+            raise ConfigError(f"{self.folder}: has no run {name!r}; {suggest(name, self.verdicts)}")
+        if row["failure"]:
+            raise DataError(self.folder / name, f"holds no result, because the run failed: {row['failure']}")
+        result = read_result(self.folder / name)
+        if not isinstance(result, RunResult):
+            raise DataError(result.folder, "is not the result of a run", "repeat the batch")
+        return result
+
+
 def read_result(folder: Path | str) -> Result:
     """Reads a result from the folder that a command has written.
 
@@ -182,7 +222,7 @@ def read_result(folder: Path | str) -> Result:
 
     Returns:
         The same result as the command returned: a `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult`,
-        `MergeResult`, or for a batch a `Result`.
+        `MergeResult` or `BatchResult`.
 
     Raises:
         DataError: the folder does not exist, holds no finished result, or holds a damaged summary.
@@ -195,9 +235,10 @@ def read_result(folder: Path | str) -> Result:
     folder = to_path(folder, "folder")
     if (place := find_unfinished(folder)) is not None:
         raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
-    for name, kind in (("audit.json", AuditResult), ("batch.json", Result)):
+    for name, kind in (("audit.json", AuditResult), ("batch.json", BatchResult)):
         if (folder / name).is_file():
-            return kind(folder, _read_summary(folder / name, ("warnings",)))
+            keys = ("warnings", "runs") if kind is BatchResult else ("warnings",)
+            return kind(folder, _read_summary(folder / name, keys))
     if (folder / "compare.json").is_file():
         summary = _read_summary(folder / "compare.json", ("warnings", "rows", "best"))
         with untrusted.blame_file(folder / "compare.json"):

@@ -12,10 +12,10 @@ from PIL import Image
 from support.commands import mqslam, parse_strict_json
 
 import mqslam as package
-from mqslam.commands.result import AuditResult, CompareResult, LocaliseResult, MergeResult, Result, RunResult
+from mqslam.commands.result import AuditResult, BatchResult, CompareResult, LocaliseResult, MergeResult, RunResult
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import ConfigError, DataError
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
 from mqslam.results.batch_results import OPTIONS
@@ -61,7 +61,7 @@ def test_a_result_is_short_in_a_console_and_a_table_in_a_notebook(finished: Path
     ("name", "content", "kind"),
     [
         ("audit.json", {}, AuditResult),
-        ("batch.json", {"runs": []}, Result),
+        ("batch.json", {"runs": []}, BatchResult),
         ("compare.json", {"rows": [], "best": None}, CompareResult),
         ("summary.json", {"recordings": []}, MergeResult),
         ("summary.json", {"median_sigma": {}}, LocaliseResult),
@@ -207,6 +207,24 @@ def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path)
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
     assert shown.code == 2 and f"is the result of another command than {finished} (audit, not run)" in shown.err
+
+
+def test_a_batch_lists_the_verdicts_of_its_runs_and_reads_their_results(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "drive")
+    rows = [("bad", None, "is no recording"), ("drive", "warn", None), *((f"later {k}", "pass", None) for k in range(9))]
+    runs = [{"name": name, "verdict": verdict, "failure": failure} for name, verdict, failure in rows]
+    (tmp_path / "batch.json").write_text(json.dumps({"warnings": [], "runs": runs}))
+    result = package.read_result(tmp_path)
+    assert isinstance(result, BatchResult)
+    runs_in_words = "1 failed (bad), 1 warn (drive), 9 pass (later 0, later 1, later 2, later 3, later 4, ...)"
+    assert repr(result) == f"<BatchResult '{tmp_path}', {runs_in_words}>"
+    assert f"<th>runs</th><td>{runs_in_words}</td>" in result._repr_html_()
+    assert list(result.verdicts.items())[:3] == [("bad", None), ("drive", "warn"), ("later 0", "pass")]
+    assert result.read_run("drive").summary == package.read_result(finished).summary
+    with pytest.raises(DataError, match="bad: holds no result, because the run failed: is no recording"):
+        result.read_run("bad")
+    with pytest.raises(ConfigError, match=r"has no run 'Drive 1'; did you mean drive\?"):
+        result.read_run("Drive 1")
 
 
 def test_diff_names_the_runs_of_two_batches_that_differ(finished: Path, other: Path, tmp_path: Path) -> None:
