@@ -40,9 +40,9 @@ def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any
     """Write a recording in another layout, with what mqslam can write there of odometry, ground truth and sensors.
 
     The folder of a finished run is written as a bag with its results: /path, /tf from map to radar, /pose with covariances,
-    /map (the occupancy grid) and /points. If OUT ends in .tum, the trajectory of the run is written as TUM with the
-    covariance of each pose. If OUT ends in .ply, the keyframes of a result, or of a folder of keyframes, are written as a
-    point cloud.
+    /map (the occupancy grid) and /points. If OUT ends in .tum, the trajectory of a run or a localisation is written as TUM
+    with the covariance of each pose. If OUT ends in .ply, the keyframes of a result, or of a folder of keyframes, are
+    written as a point cloud.
 
     Example: mqslam convert drive drive.mcap
 

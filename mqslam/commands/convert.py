@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from mqslam.commands.inputs import open_data
+from mqslam.commands.result import check_whole
 from mqslam.config import ConfigSource, load_config
 from mqslam.core.point_map import PointMap
 from mqslam.errors import ConfigError, DataError, Remedy
@@ -22,6 +23,19 @@ from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.result_bags import is_run, write_results
 from mqslam.formats.tum import read_tum
 from mqslam.mapping.keyframing import render_keyframes
+
+_NOT_CONVERTED: Final = {
+    "audit.json": (
+        "is an audit, which holds no trajectory and no map of its own",
+        "give the recording, or the folder of the run that made the trajectory",
+    ),
+    "compare.json": (
+        "is a comparison, whose trajectories are in TUM already (trajectory.tum in the folder of each row)",
+        "give the recording, or the folder of a run",
+    ),
+    "batch.json": ("is a batch, whose runs are converted one by one", "give the folder of a run in it"),
+}
+"""Results that cannot be converted, by the name of their summary: what they are, and what to give instead."""
 
 
 def convert(  # noqa: PLR0913 - these are the options of a conversion, each with its default
@@ -54,9 +68,13 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
 
     Raises:
         ConfigError: the layout is unknown, or the data cannot be written in it.
-        DataError: the data cannot be read.
+        DataError: the data cannot be read, or are a result that cannot be converted.
         OutputError: the output exists and may not be replaced, or cannot be written.
     """
+    check_whole(data)
+    for name, (problem, remedy) in _NOT_CONVERTED.items():
+        if (data / name).is_file():
+            raise DataError(data, problem, remedy)
     keyframes, of_run = find_keyframes(data), is_run(data)
     if out.suffix == ".ply" and to is None and (keyframes is not None or of_run):
         _write_keyframes(out, data, force=force)
@@ -70,11 +88,22 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         if keyframes != data:
             problem = "is a merged map, of which only the keyframes can be converted, to a point cloud"
         raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
+    if of_run and not (data / "map.yaml").is_file():
+        problem = "holds no map (map.yaml), as after a localisation, so that only its trajectory can be converted"
+        raise DataError(data, problem, "give an output that ends in .tum")
     becomes_bag = out.suffix in (".bag", ".mcap") if to is None else find_target(out, to).is_bag
     if of_run and not becomes_bag:
         instead = "give an output that ends in .bag, .mcap, .tum or .ply, or the layout rosbag2"
         problem = f"{data}: is a run; its results can only be converted to a bag, to TUM or to a point cloud; {instead}"
         raise ConfigError(problem)
+    if out.suffix in (".tum", ".ply") and to is None:
+        if not data.exists():
+            raise DataError(data, "does not exist", "check the path")
+        source = "a run or a localisation" if out.suffix == ".tum" else "a run or a merge, or its keyframes"
+        remedy = "give such a folder, or an output that ends in .bag, .mcap or .npz for a recording"
+        raise ConfigError(
+            f"{data}: only the folder of {source} can be written as a file that ends in {out.suffix}; {remedy}"
+        )
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
         if not of_run:

@@ -233,8 +233,7 @@ def read_result(folder: Path | str) -> Result:
         >>> print(result, result.read_trajectory().length_m)  # doctest: +SKIP
     """
     folder = to_path(folder, "folder")
-    if (place := find_unfinished(folder)) is not None:
-        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
+    check_whole(folder)
     for name, kind in (("audit.json", AuditResult), ("batch.json", BatchResult)):
         if (folder / name).is_file():
             keys = ("warnings", "runs") if kind is BatchResult else ("warnings",)
@@ -248,6 +247,16 @@ def read_result(folder: Path | str) -> Result:
     summary = _read_summary(folder / "summary.json", ("warnings",))
     kinds = {"recordings": MergeResult, LOCALISED: LocaliseResult}
     return next((kind for key, kind in kinds.items() if key in summary), RunResult)(folder, summary)
+
+
+def check_whole(folder: Path) -> None:
+    """Checks that a folder is not the hidden one in which a command writes its result until it is whole.
+
+    Raises:
+        DataError: the folder is such a hidden one.
+    """
+    if (place := find_unfinished(folder)) is not None:
+        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
 
 
 def _explain_missing(folder: Path) -> DataError:

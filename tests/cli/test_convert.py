@@ -238,6 +238,47 @@ def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> 
 
 
 @pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        (
+            "audit.json",
+            "is an audit, which holds no trajectory and no map of its own; give the recording, or the folder of the run",
+        ),
+        (
+            "compare.json",
+            "is a comparison, whose trajectories are in TUM already (trajectory.tum in the folder of each row);",
+        ),
+        ("batch.json", "is a batch, whose runs are converted one by one; give the folder of a run in it"),
+        ("notes.txt", "only the folder of a run or a localisation can be written as a file that ends in .tum; give such"),
+        (None, "does not exist; check the path"),
+    ],
+)
+def test_a_result_without_a_trajectory_of_its_own_is_named(name: str | None, problem: str, tmp_path: Path) -> None:
+    if name is not None:
+        (tmp_path / "result").mkdir()
+        (tmp_path / "result" / name).write_text("{}")
+    shown = mqslam("convert", tmp_path / "result", tmp_path / "out.tum")
+    assert shown.code == 2 and f"{tmp_path / 'result'}: {problem}" in shown.err and not (tmp_path / "out.tum").exists()
+    if name in ("audit.json", "compare.json", "batch.json"):
+        assert problem in mqslam("convert", tmp_path / "result", tmp_path / "out.bag").err
+
+
+def test_a_localisation_becomes_tum_only_and_an_unfinished_run_nothing(finished: Path, tmp_path: Path) -> None:
+    located, unfinished = tmp_path / "located", tmp_path / ".out.unfinished"
+    shutil.copytree(finished, unfinished)
+    located.mkdir()
+    for name in ("summary.json", "trajectory.tum", "covariances.csv"):
+        shutil.copy(finished / name, located)
+    assert mqslam("convert", located, tmp_path / "poses.tum", "--quiet").code == 0
+    for out in ("out.bag", "out", "out.npz"):
+        shown = mqslam("convert", located, tmp_path / out)
+        assert shown.code == 2 and "holds no map (map.yaml), as after a localisation, so that only its traj" in shown.err
+    shown = mqslam("convert", unfinished, tmp_path / "out.tum")
+    assert shown.code == 2 and "holds results for out that were not written to their end" in shown.err
+    assert not (tmp_path / "out.tum").exists()
+
+
+@pytest.mark.parametrize(
     ("file", "content"),
     [("map.yaml", "image: map.pgm\n"), ("map.pgm", "P5\n9 9\n255\n0"), ("map.ply", "ply\n"), ("trajectory.tum", "1 2\n")],
 )
