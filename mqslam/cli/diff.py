@@ -12,6 +12,7 @@ import typer
 
 from mqslam.cli.options import OF_WORK, Options, argument, command
 from mqslam.cli.terminal import Terminal, echo, format_rows
+from mqslam.core.wording import count_of
 
 _OWN: Options = {
     "first": argument(Path, ..., "OUT1", "The folder of a result, such as of a batch or of a run in it."),
@@ -75,12 +76,14 @@ def _format(differences: dict[str, Any]) -> str:
     unknown = "options: not known, because run.log of a result holds no command of mqslam, or that of a batch"
     parts = [unknown] if options is None else []
     kinds = {} if options is None else {"options": given}
-    for kind, values in {**kinds, "settings": differences["settings"], "figures": shown}.items():
+    others = len(differences["figures"]) - len(shown)
+    heading = "main figures" if others else "figures"
+    for kind, values in {**kinds, "settings": differences["settings"], heading: shown}.items():
         rows = [(name, _format_change(both)) for name, both in values.items()]
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
-    if len(shown) < len(differences["figures"]):
-        parts.append(f"and {len(differences['figures']) - len(shown)} other figures differ, which --json lists")
+    if others:
+        parts.append(f"other figures: {count_of(others, 'difference')}, which --json lists")
     if differences["psi_not_compared"] is not None:
         parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]

@@ -157,7 +157,7 @@ def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Poi
     side = float(np.ptp(path, axis=0).max())
     factor = _round_down(_LARGEST_ELLIPSE * side / largest) if largest > 0.0 else 1.0
     drawn = join_lines([centre + factor * shape for centre, shape in zip(positions[picked], shapes, strict=True)])
-    name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
+    name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, drawn {factor:g} times as large"
     return Curve(name, PURPLE, drawn, width=1.2), largest
 
 

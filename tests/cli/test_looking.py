@@ -188,6 +188,15 @@ def test_diff_of_a_result_with_itself_is_empty(finished: Path) -> None:
     assert "options: the same\nsettings: the same\nfigures: the same\n" in shown and "as they are  0.000 m apart" in shown
 
 
+def test_diff_says_that_other_figures_differ_where_the_main_ones_are_the_same(finished: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(finished, copy)
+    summary = json.loads((copy / "summary.json").read_text()) | {"doppler_beta": 0.5}
+    (copy / "summary.json").write_text(json.dumps(summary))
+    shown = mqslam("diff", finished, copy).out
+    assert "main figures: the same\nother figures: 1 difference, which --json lists\n" in shown
+
+
 def test_diff_compares_results_of_versions_with_other_settings(finished: Path, other: Path) -> None:
     settings = (other / "config.yaml").read_text()
     (other / "config.yaml").write_text(settings + "former:\n  setting: 3\n")

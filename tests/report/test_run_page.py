@@ -24,7 +24,7 @@ from mqslam.backend.marginals import PoseCovariances
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.report import canvas
-from mqslam.report.canvas import Chart, Curve, over
+from mqslam.report.canvas import Chart, Curve, draw_ellipses, over
 from mqslam.report.explorer import MOST_CROPPED, MOST_POINTS
 from mqslam.report.page import Figure
 from mqslam.report.run_page import chart_path, draw_maps, explore_run
@@ -84,6 +84,11 @@ def test_the_map_of_a_radar_that_stood_still_is_not_judged(tmp_path: Path) -> No
 def test_ellipses_wait_for_their_name_in_the_legend(pages: dict[str, Path]) -> None:
     (ellipses,) = (line for line in scene_of(pages["run"])["lines"] if line["name"].startswith("3σ ellipses"))
     assert ellipses["shown"] is False
+    assert ellipses["name"] == "3σ ellipses"
+    small = np.array([1e-4 * np.eye(3)])  # 3σ are 0.03 m; the most that is drawn is 0.15 m, 1.5 % of the path's 10 m
+    curve, largest = draw_ellipses(np.zeros((1, 2)), small, np.array([[0.0, 0.0], [10.0, 0.0]]))
+    assert curve.name == "3σ ellipses, drawn 5 times as large" and largest == pytest.approx(0.03)
+    assert np.nanmax(np.abs(curve.points)) == pytest.approx(0.15)
 
 
 def test_numbers_of_the_summary_are_shown_with_units_and_angles_in_degrees(pages: dict[str, Path]) -> None:
