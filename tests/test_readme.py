@@ -160,6 +160,13 @@ def test_the_readme_is_read_in_minutes() -> None:
     assert len(README.splitlines()) <= 130
 
 
+def test_every_link_leads_to_a_file_of_the_clone() -> None:
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES):
+        links = re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+        missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+        assert missing == [], page
+
+
 def test_no_public_name_is_undocumented() -> None:
     text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     named = {line.split(".")[-1] for line in text.splitlines() if line.startswith("::: ")}
