@@ -11,34 +11,46 @@ if TYPE_CHECKING:
     from mqslam.core import se2
 
 _AT_REST = "this is the minimum nearest to the given motion"
-_MOVING = "the search for it was still moving after its last step; give the motion below as --motion to continue"
+_MOVING = "the search was still moving after its last step; give the motion below as --motion to continue"
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 _VARIANT: Options = {
     "temporal": option(
-        str | None, None, "Temporal kernel: plateau, or gaussian (the paper's equation 8). Default: the settings' value."
+        str | None,
+        None,
+        "Temporal kernel: plateau, or gaussian (the paper's equation 8). Default: the setting psi.temporal.",
     ),
     "numerator": option(
         str | None,
         None,
-        "Numerator of L: tau/2 (the paper's equation 9) or tau (Algorithm 1). Default: the settings' value.",
+        "Numerator of the Lorentzian L: tau/2 (the paper's equation 9) or tau (Algorithm 1). Default: the "
+        "setting psi.numerator.",
     ),
     "factor": option(
         str | None,
         None,
-        "Factor of L: distance (the paper's equation 10) or kappa (Algorithm 1). Default: the settings' value.",
+        "What L is multiplied by: distance (the paper's equation 10) or kappa (Algorithm 1). Default: the "
+        "setting psi.factor.",
     ),
     "unmatched": option(
         float | None,
         None,
-        "Cost of an unmatched point, in units of the largest cost of a pair; the paper has 0. Default: the settings' value.",
+        "Cost of a point without a neighbour, in units of the largest cost of a pair; the paper has 0. "
+        "Default: the setting psi.unmatched.",
     ),
 }
 _OWN: Options = {
     "data": OF_RADAR,
     "start": option(float, ..., r"The window begins with the first scan at or after this time \[s since DATA begins]."),
-    "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
+    "motion": option(
+        str,
+        ...,
+        r"The sensor's motion: v,omega or vx,vy,omega \[m/s, rad/s]; v and vx are forward, vy and omega to the left.",
+    ),
     "revolutions": option(int, 3, "Length of the window, in scans.", min=2),
-    "minimise": flag("Also search the minimum nearest to the given motion, which must be near the true one.", "--minimise"),
+    "minimise": flag(
+        "Also search for the minimum nearest to the given motion, which must be within some 0.5 m/s of the true one.",
+        "--minimise",
+    ),
     **_VARIANT,
 }
 
@@ -51,8 +63,9 @@ _OWN: Options = {
 def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
     """Compute psi, the score of a map, for a window (several consecutive scans) under a motion.
 
-    The result holds the published psi with its parts, and the psi that the estimator minimises. Ranges are corrected for the
-    Doppler shift only if the settings state it, as --config oxford does; this command does not measure it.
+    The lower psi, the crisper the map; only values of the same window can be compared. The result holds the published psi
+    with its parts, and the psi that the estimator minimises. Ranges are corrected for the Doppler shift only if the settings
+    state it, as --config oxford does; this command does not measure it.
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """

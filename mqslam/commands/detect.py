@@ -29,15 +29,15 @@ _WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart 
 def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET) -> Scans:
     """Detects the returns of a recording, as a run does.
 
-    Returns that lie at the same place of the sensor's own frame in most scans are left out, as they belong to the vehicle.
-    The command `mqslam score`, which reads only its window, cannot find them.
+    Returns that lie at the same place of the radar's own frame in most scans are left out, since they show the vehicle. The
+    command `mqslam score` keeps them, since it reads only its window, so its psi may differ from that of `mqslam.score`.
 
-    The scans of a planar lidar are those that a run solves: scans between which its odometry shows no motion are left out,
-    and the points of the others lie at equal distances along surfaces. `mqslam.open_recording(path).scans` holds the ranges
-    as they were measured.
+    For a planar lidar, the result is what a run uses, not what was measured: scans are left out where odometry shows no
+    motion, and the returns are points at equal distances along the surfaces that the lidar saw.
+    `mqslam.open_recording(path).scans` holds the ranges as they were measured.
 
     Args:
-        recording: a recording's path, or the open recording; scans that another program has made are only checked.
+        recording: a recording's path, or the open recording. `Scans` that another program has made are checked and returned.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         work: where the work is done, and what reports on it.

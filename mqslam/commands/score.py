@@ -30,6 +30,7 @@ from mqslam.psi.window import Window, WindowMotion
 def score(scans: Scans, motion: Sequence[float] | se2.Array, *, config: ConfigSource = None) -> PsiScore:
     """Computes the published psi of a window (several consecutive scans) under a motion; the lower, the crisper the map.
 
+    Only values of the same window can be compared, since places differ in the number of objects that are seen twice.
     Ranges are corrected for the Doppler shift only if `sensor.doppler_beta` of the settings states it.
 
     Args:
@@ -38,10 +39,11 @@ def score(scans: Scans, motion: Sequence[float] | se2.Array, *, config: ConfigSo
             (3,) vx forward, vy to the left [m/s], omega [rad/s].
         config: a `Config`, a dict of the settings that differ, such as `{"psi": {"s": 1.0}}`, the path of a YAML file, or
             the name of a shipped configuration; None takes the defaults. Section `psi` holds the parameters of the score.
-            For a lidar's scans, its lengths that are left at their defaults are multiplied by the scans' `unit_m`.
+            For a lidar's scans, those lengths in it that have their default values are multiplied by `unit_m` of the scans.
 
     Returns:
-        The score, whose parts per point are in the order of the returns of the window.
+        The score. Its parts per point are in the order of the returns of the window, scan by scan, and its gradient in the
+        order of `motion`.
 
     Raises:
         ConfigError: the scans, the motion or a setting is wrong.
