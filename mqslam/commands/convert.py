@@ -86,7 +86,10 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     if keyframes is not None and not of_run:
         problem = "holds keyframes, which can only become a point cloud"
         if keyframes != data:
-            problem = "is a merged map, of which only the keyframes can be converted, to a point cloud"
+            problem = (
+                "is a merged map, of which only the keyframes can be converted, to a point cloud (its trajectories are in "
+                "TUM already: trajectory_1.tum and so on)"
+            )
         raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
     if of_run and not (data / "map.yaml").is_file():
         problem = "holds no map (map.yaml), as after a localisation, so that only its trajectory can be converted"
@@ -99,7 +102,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     if out.suffix in (".tum", ".ply") and to is None:
         if not data.exists():
             raise DataError(data, "does not exist", "check the path")
-        source = "a run or a localisation" if out.suffix == ".tum" else "a run or a merge, or its keyframes"
+        source = "a run or a localisation" if out.suffix == ".tum" else "a run, a merge or keyframes"
         remedy = "give such a folder, or an output that ends in .bag, .mcap or .npz for a recording"
         raise ConfigError(
             f"{data}: only the folder of {source} can be written as a file that ends in {out.suffix}; {remedy}"
