@@ -82,17 +82,18 @@ class RangeScale:
         )
 
     def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
-        """Returns the scale that other sensors show if their scale contradicts this scale; else returns this scale.
+        """Returns the scale that other sensors show if it contradicts this scale; else this scale, which then says so.
 
         Args:
             shown: the scale error that other sensors still show after the ranges have been multiplied by the factor.
             factor: the factor by which other sensors multiply the ranges.
         """
+        said = f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar"
         if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):
-            return self
+            said = f"{said}, which does not contradict the radar: the ranges stay as they are"
+            return replace(self, statements=(*self.statements, said))
         said = (
-            f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times the radar's lengths, "
-            "and this run multiplies all ranges by this factor; to do so in other commands, multiply "
+            f"{said}, and this run multiplies all ranges by this factor; to do so in other commands, multiply "
             "sensor.range_resolution_m by it"
         )
         return RangeScale(factor, shown.sigma, shown.trust, (said,))
@@ -176,8 +177,7 @@ def join_at_scale(
                 again = join(factor)
                 shown = ShownScale.by(again, settings.sigma_travel) or shown
             replaced = scale.replace_by(shown, factor)
-            if replaced != scale:
-                return again, replaced
+            return (joined if replaced.factor == 1.0 else again), replaced
     return joined, scale
 
 

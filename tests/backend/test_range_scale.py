@@ -67,7 +67,9 @@ def test_wheels_whose_scale_is_not_trusted_show_nothing() -> None:
 
 
 def test_wheels_that_agree_leave_the_ranges_as_they_are() -> None:
-    assert ask(motions(1.0), motions(1.001), 0.001).factor == 1.0
+    found = ask(motions(1.0), motions(1.001), 0.001)
+    assert found.factor == 1.0 and found.sigma == RangeScale.beforehand(False, ERRORS).sigma
+    assert "true lengths are 1.0010 (± 0.0010)" in found.statements[1] and "stay as they are" in found.statements[1]
 
 
 def test_covariances_and_distances_are_stretched_together() -> None:

@@ -27,7 +27,7 @@ _SEEDS = (41, 42, 43)  # of cities of a minute; nothing was tuned on them
 _CASES = ((0.0, 0.0), (-0.31, 0.0), (0.2, 0.0), (0.0, 0.05), (-0.31, 0.05))  # range offset [m], Doppler shift [s]
 # Length of the range bins [m] and range offset that is used [m] on the real drive: RADIATE's bins without an offset, with
 # the one that Navtech states, and with the one that psi shows; and four of Navtech's bins with the one that Navtech states.
-_CITIES = (31,)  # seeds of cities of two kilometres; nothing was tuned on them
+_CITIES = (31, 32, 33)  # seeds of cities of two kilometres; nothing was tuned on them
 _TOO_SHORT = 0.01  # share by which bins are longer than they are stated
 _DRIVE = ((0.175, 0.0), (0.175, -0.4), (0.175, -0.54), (0.17524, -0.4))
 
