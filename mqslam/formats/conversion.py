@@ -14,6 +14,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
+from mqslam.execution.files import blame_output
 from mqslam.execution.folders import check_new_file, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
@@ -102,10 +103,8 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
         progress(read["scans"], len(recording))
 
     given = replace(recording, odometry=odometry, ground_truth=truth)
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     notes = target.write(out, WatchedRecording(inner=given, watch=watch, **copy_fields(given)))
     for name, track, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
         notes += [f"{name} is left behind: one pose is no trajectory"] if track is not kept else []

@@ -10,12 +10,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.formats.recordings import oxford
+from mqslam.formats.sensors.csv_files import write_fixes_csv, write_gyroscope_csv
 from mqslam.formats.trajectories import write_twists
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
@@ -118,11 +118,10 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
         write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
         if turning is not None:
-            columns = [(f"w{axis}", rates, ".6f") for axis, rates in zip("xyz", turning.rates.T, strict=True)]
-            _write_table(folder / "imu.csv", turning.stamps_us, columns)
+            write_gyroscope_csv(folder / "imu.csv", replace(turning, rates=turning.rates.round(6)))
         if fixes is not None:
-            columns = [("lat", fixes.latitudes, ".8f"), ("lon", fixes.longitudes, ".8f"), ("sigma_m", fixes.sigmas_m, ".2f")]
-            _write_table(folder / "gnss.csv", fixes.stamps_us, columns)
+            latitudes, longitudes = fixes.latitudes.round(8), fixes.longitudes.round(8)
+            write_fixes_csv(folder / "gnss.csv", replace(fixes, latitudes=latitudes, longitudes=longitudes))
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
     return recording
 
@@ -170,16 +169,6 @@ def _find_gyroscope(grade: str, rate_hz: float, late_s: float) -> GyroscopeModel
     if not abs(late_s) <= _MOST_LATE_S:
         raise ConfigError(f"simulator: imu_late_s is {late_s}; choose {-_MOST_LATE_S:g} to {_MOST_LATE_S:g}")
     return replace(GRADES[grade], rate_hz=rate_hz, late_s=late_s)
-
-
-def _write_table(file: Path, stamps_us: NDArray[np.int64], columns: list[tuple[str, NDArray[np.float64], str]]) -> None:
-    """Writes a CSV file of stamps (N,) [us] and columns, each given by its name, its values (N,) and their format."""
-    rows = zip(stamps_us.tolist(), *(values.tolist() for _, values, _ in columns), strict=True)
-    lines = [",".join(["t", *(name for name, _, _ in columns)])]
-    for stamp, *values in rows:
-        cells = (format(value, form) for value, (_, _, form) in zip(values, columns, strict=True))
-        lines.append(",".join([str(stamp), *cells]))
-    write_text(file, "\n".join(lines) + "\n")
 
 
 def _write_polar_scans(

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
 from mqslam.core.sensors import Georeference, TangentPlane
 from mqslam.core.stored import release
-from mqslam.errors import DataError, OutputError, Remedy, untrusted
-from mqslam.execution.files import write_aside, write_json
+from mqslam.errors import DataError, Remedy, untrusted
+from mqslam.execution.files import blame_output, write_aside, write_json
 from mqslam.formats.poses import mark_places
 from mqslam.formats.stamps import LATEST_US
 from mqslam.version import __version__
@@ -60,10 +60,8 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
         OutputError: the folder or a file cannot be written.
     """
     keyframes, places = made.keyframes, made.places
-    try:
+    with blame_output(folder, "made", Remedy.CHOOSE_OUTPUT):
         folder.mkdir()
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     rows = np.zeros(len(keyframes), _KEYFRAME)
     rows["recording"], rows["scan"], rows["stamp_us"] = keyframes.origins, keyframes.scans, keyframes.stamps_us
     rows["pose"], rows["covariance"], rows["travelled_m"] = keyframes.poses, keyframes.covariances, keyframes.travelled
