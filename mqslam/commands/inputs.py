@@ -21,7 +21,7 @@ from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest,
 from mqslam.formats.lidars import read_lidar
 from mqslam.formats.recordings import open_radar
 from mqslam.formats.recordings.derived import clip
-from mqslam.formats.recordings.layout import Topics
+from mqslam.formats.recordings.layout import Sensing, Topics
 from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.stamps import guess_stated_unit
@@ -84,16 +84,9 @@ def open_data(
     """
     sensor = settings.sensor
     resolution = sensor.range_resolution_m if range_resolution is None else range_resolution
-    recording = open_radar(
-        data,
-        format,
-        resolution,
-        range_offset=sensor.range_offset_m,
-        clockwise=sensor.clockwise,
-        stamp=sensor.stamp,
-        topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),
-        encoder_size=sensor.encoder_size,
-    )
+    topics = Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic)
+    sensing = Sensing(resolution, sensor.range_offset_m, sensor.clockwise, sensor.stamp, topics, sensor.encoder_size)
+    recording = open_radar(data, format, sensing)
     if strict and recording.faults:
         raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
     return clip(recording, *span)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from mqslam.core.recording import Recording
 from mqslam.core.wording import join_words
@@ -81,48 +81,35 @@ def open_recording(
         >>> solved = mqslam.Slam().run(recording, recording.odometry)  # doctest: +SKIP
     """
     path = to_path(path, "a recording")
-    given: dict[str, Any] = {
-        "format": format,
-        "range_resolution": range_resolution,
-        "range_offset": range_offset,
-        "clockwise": clockwise,
-        "stamp": stamp,
-        "topics": topics,
-        "encoder_size": encoder_size,
-    }
+    sensing = Sensing(range_resolution, range_offset, clockwise, stamp, topics, encoder_size)
     with suppress(OfLidarError):
-        return open_radar(path, **given)
+        return open_radar(path, format, sensing)
+    given = {"format": format} | {entry.name: getattr(sensing, entry.name) for entry in fields(sensing)}
     if others := [name for name, value in given.items() if value is not None and value != USUAL_TOPICS]:
         raise ConfigError(f"{path}: is a lidar's recording; leave out {join_words(others)}, which only radars' can use")
     return read_lidar(path)
 
 
-def open_radar(
-    path: Path | str,
-    format: str | None = None,
-    range_resolution: float | None = None,
-    *,
-    range_offset: float | None = None,
-    clockwise: bool | None = None,
-    stamp: Stamp | None = None,
-    topics: Topics = USUAL_TOPICS,
-    encoder_size: int | None = None,
-) -> Recording:
-    """Opens the recording of a radar; the arguments and errors are the same as those of `open_recording`.
+def open_radar(path: Path | str, format: str | None, sensing: Sensing) -> Recording:
+    """Opens the recording of a radar; the errors are the same as those of `open_recording`.
+
+    Args:
+        path: a file or folder in one of the layouts of `FORMATS`.
+        format: name of the layout; None guesses it from the path.
+        sensing: what the user states about the radar.
 
     Raises:
         OfLidarError: the path holds the recording of a planar lidar.
     """
     path = to_path(path, "a recording")
-    require_type(range_resolution, Real | None, "range_resolution", "a number of metres")
-    if range_resolution is not None and not is_bin_length(range_resolution):
-        raise ConfigError(
-            f"range resolution {range_resolution}: cannot be the length of a range bin; give metres, such as 0.0438"
-        )
+    resolution, offset = sensing.range_resolution, sensing.range_offset
+    require_type(resolution, Real | None, "range_resolution", "a number of metres")
+    if resolution is not None and not is_bin_length(resolution):
+        raise ConfigError(f"range resolution {resolution}: cannot be the length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
-    if range_offset is not None and not is_range_offset(range_offset):
-        raise ConfigError(f"range offset {range_offset}: cannot be the range offset of a radar; give metres, such as -0.33")
+    if offset is not None and not is_range_offset(offset):
+        raise ConfigError(f"range offset {offset}: cannot be the range offset of a radar; give metres, such as -0.33")
     with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
@@ -130,12 +117,12 @@ def open_radar(
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
         untrusted.check_file(path)  # other files are checked where they are read
         layout = _load(format) if format else _guess_layout(path)
-        if topics != USUAL_TOPICS and layout is not _load("rosbag"):
+        if sensing.topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size, range_offset))
-        if range_offset is not None:
-            opened = replace(opened, range_offset=range_offset)
-        return apply_clockwise(opened, clockwise)
+        opened = layout.open_recording(path, sensing)
+        if offset is not None:
+            opened = replace(opened, range_offset=offset)
+        return apply_clockwise(opened, sensing.clockwise)
 
 
 def list_targets() -> list[Target]:

@@ -57,19 +57,19 @@ class Sensing:
 
     Args:
         range_resolution: length of a range bin [m].
+        range_offset: true range of an object at rest minus the range of the centre of its bin [m].
         clockwise: whether the radar spins clockwise, seen from above.
         stamp: whether polar scans are stamped at the start or the end of a revolution, if their azimuths have no stamps.
         topics: topics of a bag to read.
         encoder_size: encoder ticks per revolution, if azimuths carry encoder values.
-        range_offset: true range of an object at rest minus the range of the centre of its bin [m].
     """
 
     range_resolution: float | None = None
+    range_offset: float | None = None
     clockwise: bool | None = None
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
     encoder_size: int | None = None
-    range_offset: float | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
         """Returns the length of a range bin [m], and a list with a note for the user if the usual length is assumed.

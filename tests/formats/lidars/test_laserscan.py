@@ -20,6 +20,7 @@ from mqslam.formats import bags
 from mqslam.formats.bags import open_bag
 from mqslam.formats.lidars.laserscan import read_lidar
 from mqslam.formats.recordings import open_radar, open_recording
+from mqslam.formats.recordings.layout import Sensing
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -69,7 +70,7 @@ def test_a_bag_is_a_lidars_unless_a_topic_is_named_like_a_radars(tmp_path: Path,
             if beside is not None:
                 bag.write(beside, stamp, bag.odometry(stamp, np.zeros(3)))
     with pytest.raises(DataError) as raised:
-        open_radar(tmp_path / "drive.bag")
+        open_radar(tmp_path / "drive.bag", None, Sensing())
     assert isinstance(raised.value, OfLidarError) is of_lidar
 
 
