@@ -81,8 +81,12 @@ def stay_within(folder: Path) -> Iterator[None]:
         _folder.reset(before)
 
 
-def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) -> TextIO:
-    """Opens a text file whose lines are of bounded length; a byte order mark sets the encoding and is skipped.
+def open_text(path: Path, errors: str | None = None) -> TextIO:
+    """Opens a text file whose lines are of bounded length, in UTF-8 or in the encoding that its byte order mark states.
+
+    Args:
+        path: the file.
+        errors: how bytes that are not in the encoding are decoded, as for `open`; None refuses them when they are read.
 
     Raises:
         DataError: the path is not a regular file, or the file has a line that is too long.
@@ -91,7 +95,7 @@ def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) ->
     _check_lines(check_file(path))
     with path.open("rb") as file:
         marked = _read_mark(file.read(4))
-    return path.open(encoding=marked or encoding, errors=errors)
+    return path.open(encoding=marked or "utf-8", errors=errors)
 
 
 def decode(content: bytes) -> str:

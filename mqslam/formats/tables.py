@@ -305,7 +305,7 @@ def read_sensor_table(
     """
     parsers = [(column, (parse or {}).get(column, float)) for column in columns]
     numbers, skipped = array("d"), 0 if header.holds_numbers else header.line
-    with untrusted.open_text(header.path, "utf-8-sig", "replace") as file:
+    with untrusted.open_text(header.path, "replace") as file:
         for number, line in enumerate(file):
             words = line.partition("#")[0].split(",")
             if number < skipped or not (len(words) > 1 or words[0].strip()):

@@ -11,23 +11,20 @@ from mqslam.errors import DataError, find_near, untrusted
 
 
 @contextmanager
-def open_lines(
-    path: Path, remedy: str, encoding: str = "utf-8-sig", errors: str | None = None, missing: str = ""
-) -> Iterator[TextIO]:
+def open_lines(path: Path, remedy: str, errors: str | None = None, missing: str = "") -> Iterator[TextIO]:
     """Opens a text file; any failure to read the file before the block ends becomes a DataError that names the file.
 
     Args:
         path: the file.
         remedy: advice for the error if the file is no text: what to give instead.
-        encoding: encoding of a file without a byte order mark.
-        errors: how bytes that are not in the encoding are decoded; None refuses them.
+        errors: how bytes that are not UTF-8 are decoded, as for `open`; None refuses them.
         missing: advice for the error if the file does not exist; "" suggests a file with a similar name if there is one.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.
     """
     try:
-        with untrusted.open_text(path, encoding, errors) as file:
+        with untrusted.open_text(path, errors) as file:
             yield file
     except FileNotFoundError as error:
         near = find_near(path.name, [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else [])

@@ -26,6 +26,6 @@ def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
     Raises:
         DataError: the file cannot be read, has none of these forms, or holds no fix.
     """
-    with open_lines(path, FIXES_REMEDY, "ascii", "replace") as lines:
+    with open_lines(path, FIXES_REMEDY, "replace") as lines:
         is_log = path.suffix.lower() == ".nmea" or "$" in lines.readline(200)
     return read_nmea(path, start_us) if is_log else read_fixes_table(path)

@@ -103,7 +103,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
 def _list_sentences(path: Path) -> Iterator[tuple[str, list[str], bool]]:
     """Yields for each sentence of a log its kind, such as GGA, its fields, and whether its checksum and length are right."""
-    with open_lines(path, _REMEDY, "ascii", "replace") as lines:
+    with open_lines(path, _REMEDY, "replace") as lines:
         for line in lines:
             _, dollar, sentence = line.partition("$")
             if not dollar:
