@@ -36,8 +36,6 @@ _CHIRP_SHARE = 0.25
 _MOST_STAMP_ERROR_US = 1_000_000  # an image is damaged if the stamp in its name lies further than this outside its turn
 _REMEDY = "copy the file again, or leave it out of the recording"
 
-_Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
-
 
 class Flag(Enum):
     """Meaning of byte 10, the flag byte, in the Oxford rows of a recording."""
@@ -63,15 +61,15 @@ class RowFolder:
     encoder: int
     usual: int = 0
 
-    def read(self, name: int) -> tuple[_Rows, _Rows | None]:
+    def read(self, name: int) -> tuple[Azimuths, NDArray[np.uint8], NDArray[np.bool_]]:
         """Reads the azimuths of an image and their power.
 
         Args:
             name: name of the image: a stamp [us or ns] within its turn.
 
         Returns:
-            The azimuths of the up-chirps with their power, and the azimuths of the down-chirps with their power. If byte 10
-            does not state the chirps, all azimuths with their power, and None.
+            The azimuths (A,), their power (A, B), and a mask (A,) of the up-chirps: all azimuths unless byte 10 states the
+            directions of chirps.
 
         Raises:
             DataError: the image cannot be used, or its stamps do not fit its name.
@@ -80,22 +78,24 @@ class RowFolder:
         pixels = read_grey(image)
         try:
             azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY, turn=self.encoder)
-            down: _Rows | None = None
-            if self.flag is Flag.CHIRP:
-                up = pixels[:, FLAG_BYTE] == 255
-                down = azimuths.take(~up), pixels[~up, METADATA_BYTES:]
-                azimuths, pixels = azimuths.take(up), pixels[up]
-                if len(pixels) < 2:
-                    raise ValueError(f"has {len(pixels)} up-chirps")
-            if len(pixels) < _FEWEST_ROWS * self.usual:
-                raise ValueError(f"has {len(pixels)} azimuths, the first image has {self.usual}")
+            rising = (pixels[:, FLAG_BYTE] == 255) | (self.flag is not Flag.CHIRP)
+            stamps_us = azimuths.stamps_us[rising]
+            if len(stamps_us) < 2:
+                raise ValueError(f"has {len(stamps_us)} up-chirps")
+            if len(stamps_us) < _FEWEST_ROWS * self.usual:
+                raise ValueError(f"has {len(stamps_us)} azimuths, the first image has {self.usual}")
         except ValueError as error:
             raise DataError(image, str(error), _REMEDY) from error
-        apart = int(azimuths.stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
-        span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
+        apart = int(stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
+        span = int(stamps_us[-1]) - int(stamps_us[0])
         if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
             raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after the stamp in its name", _REMEDY)
-        return (azimuths, pixels[:, METADATA_BYTES:]), down
+        return azimuths, pixels[:, METADATA_BYTES:], rising
+
+    def read_rising(self, name: int) -> Azimuths:
+        """Reads the azimuths of the up-chirps of an image; arguments, Raises and up-chirps are as in `read`."""
+        azimuths, _, rising = self.read(name)
+        return azimuths.take(rising)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,9 +114,9 @@ class RowImageRecording(Recording):
         """Reads the polar scans start <= k < stop."""
         with untrusted.blame_file(self.path):
             for name in self.names[start:stop].tolist():
-                (azimuths, power), down = self.folder.read(name)
-                falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
-                yield replace(azimuths.to_polar_scan(power, self.start_us), down=falling)
+                azimuths, power, rising = self.folder.read(name)
+                polar_scan = azimuths.to_polar_scan(power, self.start_us)
+                yield polar_scan.split(rising) if self.folder.flag is Flag.CHIRP else polar_scan
 
 
 def open_rows(
@@ -152,12 +152,12 @@ def open_rows(
     def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
         flag, notes = _interpret_flag(read_grey(folder / f"{name}.png"))
         images = RowFolder(folder, flag, sensing.encoder_size or TURN_TICKS)
-        return images, notes, images.read(name)[0][0]
+        return images, notes, images.read_rising(name)
 
     (images, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
     whole = replace(images, usual=len(first.stamps_us))
     names = names[skipped:]
-    (((last, _), _), skipped, missing) = read_first(names[::-1].tolist(), whole.read, "last")
+    last, skipped, missing = read_first(names[::-1].tolist(), whole.read_rising, "last")
     names = names[: len(names) - skipped]
     named_us = stamps_in_us(names)
     known = {0: first, len(names) - 1: last}
@@ -166,7 +166,7 @@ def open_rows(
 
     def measure(k: int) -> float | None:
         try:
-            azimuths = known[k] if k in known else images.read(int(names[k]))[0][0]
+            azimuths = known[k] if k in known else images.read_rising(int(names[k]))
         except DataError:
             return None
         return azimuths.measure_turn()
