@@ -222,7 +222,7 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a list of one warning about unread polar scans, given their errors by number; an empty list without errors."""
+    """Returns a list of one warning about unread polar scans, given their errors by index; an empty list without errors."""
     if not unread:
         return []
     several = f"{count_of(len(unread), 'polar scan')} could not be read and {is_or_are(len(unread))} left out"

@@ -165,7 +165,7 @@ def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: flo
         turn_rad: a scan is also picked if the sensor has turned by this much [rad] since the last picked scan.
 
     Returns:
-        Numbers of the picked scans, which include the first and the last scan.
+        Indices of the picked scans, which include the first and the last scan.
     """
     poses, apart = odometry.at(scans.stamps_us), np.diff(scans.stamps_us)
     hurried = apart < _HURRIED * np.median(apart)

@@ -187,11 +187,12 @@ def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shifts:
-    """Radial speeds of the world relative to the sensor, one per azimuth of a scan.
+    """Closing speeds that the shifts of echoes show, one per correlation of a `ChirpCorrelation`.
 
     Args:
-        speeds: (K,) closing speed at each azimuth [m/s]; positive if the sensor approaches the objects there.
-        weights: (K,) curvature of the correlation at its peak [s^2/m^2]; 0 where there is no peak.
+        speeds: (K,) closing speed in the direction of each correlation [m/s]; positive if the sensor approaches the objects
+            there.
+        weights: (K,) curvature of each correlation at its peak [s^2/m^2]; 0 where there is no peak.
     """
 
     speeds: Array
@@ -220,7 +221,7 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
 
 
 def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
-    """Reads each azimuth's radial speed off the highest peak of its correlation near its expected speed (K,) [m/s]."""
+    """Reads a closing speed off each correlation: at its highest peak near the expected speed, of `expected` (K,) [m/s]."""
     per_cell = correlation.cell_mps
     half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))
@@ -276,8 +277,8 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
     """Fits a state to shifts with Geman-McClure's loss, whose width follows from the residuals.
 
     Args:
-        jacobian: (K, 4) derivatives of the radial speeds by the state: vx, vy [m/s], and accelerations ax, ay [m/s^2].
-        shifts: the radial speeds.
+        jacobian: (K, 4) derivatives of the closing speeds by the state: vx, vy [m/s], and accelerations ax, ay [m/s^2].
+        shifts: the closing speeds.
         state: (4,) state from which the fit starts.
         prior: (4, 4) information matrix of a prior on the state, whose mean is zero.
 
@@ -334,7 +335,9 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Scales weights (K,) of shifts to information [s^2/m^2], whose mean by these weights is 1 / spread^2.
+    """Scales weights (K,) of closing speeds to their information [s^2/m^2].
+
+    The mean information is 1 / spread^2, where each closing speed counts in the mean by its own weight.
 
     Args:
         weights: (K,) relative weights, in any unit.

@@ -122,7 +122,7 @@ def _list_losses(recording: Recording, target: Target, read: Counter[str]) -> li
     Args:
         recording: the recording.
         target: the layout.
-        read: numbers of all `unmeasured` azimuths and of all `down`-chirps in scans that also have up-chirps.
+        read: counts over all polar scans: of azimuths that were not measured (`unmeasured`), and of down-chirps (`down`).
     """
     notes = [_DOWN_LEFT] if read["down"] and not target.chirps else []
     if recording.odometry is not None and not target.odometry:

@@ -123,8 +123,9 @@ def _choose_topic(path: Path, reader: AnyReader) -> str:
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     """Chooses the topics of odometry and of a SLAM system's poses; None where no such topic has two messages.
 
-    Odometry is preferred if its topic's name contains `odom`, and is never ground truth. Of poses, those that are not ground
-    truth are preferred, and topics of commands, such as goals, are left out. Then the topic with most messages is chosen.
+    Topics of ground truth hold no odometry; of the others, those whose names contain `odom` are preferred. Topics of
+    commands, such as goals, hold no poses of a SLAM system; of the others, those that are not ground truth are preferred. Of
+    several preferred topics, the one with most messages is chosen.
     """
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
     drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.is_truth(c.topic)]
