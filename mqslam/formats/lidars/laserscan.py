@@ -79,7 +79,8 @@ def read_lidar(path: Path) -> LidarRecording:
     stamps = np.array(index.stamps_us, dtype=np.int64)[rows]
     scans = [index.scans[row] for row in rows]
     if len(scans) < 2 or not any(map(len, scans)):
-        problem = f"has {len(scans)} scans with increasing stamps and {sum(map(len, scans))} returns on {topic}: too few"
+        held = f"{count_of(len(scans), 'scan')} with increasing stamps and {count_of(sum(map(len, scans)), 'return')}"
+        problem = f"has {held} on {topic}: too few"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
     notes = [f"scans from {topic}", *index.poses.clock.notes]
     if dropped := len(index.scans) - len(scans):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, Recording
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats.recordings.layout import Stamp
 from mqslam.formats.recordings.turns import measure_turn
@@ -103,7 +104,7 @@ def repair_azimuths(
             of the encoder values are equal.
     """
     if len(stamps_us) < 2:
-        raise ValueError(f"has {len(stamps_us)} azimuths, at least two are needed")
+        raise ValueError(f"has {count_of(len(stamps_us), 'azimuth')}, at least two are needed")
     near = np.abs(stamps_us.astype(np.float64) - np.median(stamps_us.astype(np.float64))) < _LONGEST_TURN_US
     timed = _mark_ordered(stamps_us.astype(np.float64), near)
     inside = ticks <= turn

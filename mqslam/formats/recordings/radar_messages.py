@@ -161,8 +161,9 @@ class RadarTopic:
             return read_metadata(_read_pixels(message), turn=turn)
         ticks = np.asarray(message.encoder_values, dtype=np.uint16)
         stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
-        if not len(ticks) == len(stamps_us) == len(self.read_power(message)):
-            raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
+        azimuths = len(self.read_power(message))
+        if not len(ticks) == len(stamps_us) == azimuths:
+            raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for {azimuths} azimuths")
         return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
     def find_turn(self, message: Any) -> int:

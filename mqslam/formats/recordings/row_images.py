@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.images import read_first, read_grey
 from mqslam.formats.recordings.azimuths import (
@@ -81,7 +82,7 @@ class RowFolder:
             rising = (pixels[:, FLAG_BYTE] == 255) | (self.flag is not Flag.CHIRP)
             stamps_us = azimuths.stamps_us[rising]
             if len(stamps_us) < 2:
-                raise ValueError(f"has {len(stamps_us)} up-chirps")
+                raise ValueError(f"has {count_of(len(stamps_us), 'up-chirp')}")
             if len(stamps_us) < _FEWEST_ROWS * self.usual:
                 raise ValueError(f"has {len(stamps_us)} azimuths, the first image has {self.usual}")
         except ValueError as error:

@@ -198,6 +198,12 @@ def test_scans_that_cannot_be_used_are_named(tmp_path: Path, content: dict[str, 
     assert "\n" not in str(raised.value)
 
 
+def test_a_bag_with_one_scan_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.bag", "ros1", {"ranges": [1.0, 2.0, np.inf]})
+    with pytest.raises(DataError, match=r"has 1 scan with increasing stamps and 2 returns on /scan: too few"):
+        read_lidar(path)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("keep", [0.0, 0.5, 0.9])
 def test_a_corrupt_bag_is_named(tmp_path: Path, kind: str, keep: float) -> None:

@@ -126,6 +126,17 @@ def test_messages_with_angles_come_before_the_drivers_images(oxford: Path, tmp_p
     assert recording.start_us == START_US
 
 
+def test_b_scans_with_too_few_times_are_named(tmp_path: Path) -> None:
+    with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
+        radar = bag.topic("/radar_data/b_scan_msg", B_SCAN)
+        for k in range(3):
+            stamp = START_US + k * 250_000
+            times = (stamp + np.arange(39) * 6000) * 1000
+            bag.write(radar, stamp, bag.b_scan(stamp, oxford_rows(k)[:, 11:], np.arange(40) * 140, times))
+    with pytest.raises(DataError, match="holds 40 encoder values and 39 times for 40 azimuths"):
+        open_recording(tmp_path / "drive.bag")
+
+
 @pytest.mark.parametrize(("size", "taken"), [(4096, 5600), (8192, 16000)])
 def test_an_encoder_of_another_size_is_named(tmp_path: Path, size: int, taken: int) -> None:
     with bag_writer(tmp_path / "drive.mcap", "mcap") as bag:

@@ -215,7 +215,7 @@ def test_an_explicit_format_overrides_the_guess(oxford: Path) -> None:
         (np.full((40, 200), 255, np.uint8), "no encoder values"),
         (np.random.default_rng(0).integers(0, 255, (40, 200), np.uint8), "no times"),
         (np.zeros((40, 200), np.uint8), "stamped"),
-        (np.zeros((1, 200), np.uint8), "has 1 azimuths"),
+        (np.zeros((1, 200), np.uint8), "has 1 azimuth,"),
         (np.zeros((8001, 8001), np.uint8), "too large"),
     ],
 )
