@@ -236,7 +236,10 @@ def _parse_lines(
 
 
 def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int], list[float]]:
-    """Returns the vertices and the numbers of a line; both are empty if counts or sizes are wrong."""
+    """Returns the `ends` vertices and the `count` values that a line states after its first word.
+
+    Both lists are empty if the line has other counts, a word that is no number, or a number that is too large.
+    """
     try:
         vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
     except ValueError:

@@ -276,8 +276,9 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
     Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
     of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
-    computer was busy, are recognised as late before the estimated turns can follow them. `bends`, `tied` and `known` are as
-    in `_estimate_delays`. A stray stamp may lie anywhere within a turn of `turn` [us], from which its likelihood follows.
+    computer was busy, are recognised as late before the estimated turns can follow them. The likelihood of a stray stamp is
+    the same everywhere within a turn. `bends`, `tied` and `known` are as in `_estimate_delays`; `turn` is the usual duration
+    of a turn [us].
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0

@@ -155,7 +155,7 @@ def check_encoder(
 
     If the encoder has fewer ticks than assumed, each revolution seems to last until after the next one has begun: they seem
     to overlap. They also seem to overlap if the radar sweeps only a part of the circle. The ticks that are swept until the
-    next revolution begins tell these cases apart, since encoders are made with few numbers of ticks.
+    next revolution begins tell these cases apart, since encoders are made only with certain numbers of ticks.
 
     Args:
         path: path of the recording, for errors.

@@ -92,8 +92,8 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Reads numbers of frames (N,) and stamps of arrival (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
 
     RADIATE's files state the nanoseconds after the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
-    ns, not 36.25 s. If the numbers of digits after the point differ, they are read as nanoseconds and as decimals, and the
-    stamps with the more even steps are returned.
+    ns, not 36.25 s. If some lines have more digits after the point than others, the digits are read in two ways, as
+    nanoseconds and as decimals, and the stamps with the more even steps are returned.
 
     Raises:
         DataError: the list cannot be read or is empty, or a line has another form.

@@ -226,10 +226,13 @@ class Frames:
         return odometry.attach(se2.inverse(on_vehicle)), f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str, bool]:
-        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this.
+        """Converts ground truth to poses of the radar if transforms connect the radar and the frame of the ground truth.
 
-        Otherwise the poses are unchanged. If no transform places their frame, they are taken as poses of the radar. If only
-        the mount is not known, they are poses of their frame. The third result is whether this is the vehicle's own frame.
+        Otherwise the poses stay as they are. If no transform places their frame, they are taken as poses of the radar. If
+        only the mount is not known, they are poses of their frame.
+
+        Returns:
+            (1) The ground truth, (2) a note on whose poses it holds, (3) whether it holds poses of the vehicle's own frame.
         """
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar", False
@@ -279,7 +282,7 @@ class _Index:
 def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
     """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both.
 
-    The offset is 0 if the bag states none, or if the user states one, which `recordings.open_recording` applies.
+    The offset is 0 if the bag states none, or if the user states one, which `recordings.open_radar` applies.
     """
     notes, resolution, offset = [], sensing.range_resolution, 0.0
     if resolution is None and stated is not None:
