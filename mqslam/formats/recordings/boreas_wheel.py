@@ -20,8 +20,7 @@ from mqslam.core.sensors import Gyroscope, Mount, Turning, describe_offset, find
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.sensors.reading import Reading
-from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.sensors.reading import Reading, choose_rows
 from mqslam.formats.tables import read_header, read_sensor_table
 
 USUAL_RADIUS_M = 0.34
@@ -59,10 +58,8 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
     """
     header = read_header(path, _REMEDY)
     table = read_sensor_table(header, header.find(("gpstime", "pulse_count"), _REMEDY))
-    sound = np.isfinite(table.columns[:, 0])
-    stamps, counts = table.stamps_us[sound], table.columns[sound, 0]
-    kept = mark_increasing(stamps.tolist())
-    stamps, counts = stamps[kept], counts[kept]
+    kept, faults = choose_rows(str(path), table, np.isfinite(table.columns[:, 0]), "no count")
+    stamps, counts = table.stamps_us[kept], table.columns[kept, 0]
     if len(stamps) < 2:
         readings = count_of(len(stamps), "reading")
         raise DataError(path, f"holds {readings} of a wheel encoder; two or more are needed", _REMEDY)
@@ -90,10 +87,7 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
         f"the odometry is dead-reckoned from the wheel encoder in {path}, whose GPSTime is taken as time since 1970, "
         f"and the yaw rates in {gyroscope.source}"
     )
-    faults = []
-    if left_out := table.unread + len(table.stamps_us) - len(stamps):
-        faults.append(f"{path}: {count_of(left_out, 'row')} left out: no count, or no later stamp than the row before")
     longest_s = 1e-6 * max(int(np.diff(times).max()), int(np.diff(stamps).max()))
     if longest_s > _LONGEST_STEP_S:
-        faults.append(f"{path}: the odometry bridges gaps of up to {longest_s:.1f} s in the readings of its sensors")
-    return Reading(wheel.carry_to_vehicle(track), (note,), tuple(faults))
+        faults = (*faults, f"{path}: the odometry bridges gaps of up to {longest_s:.1f} s in the readings of its sensors")
+    return Reading(wheel.carry_to_vehicle(track), (note,), faults)

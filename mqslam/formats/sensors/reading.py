@@ -112,7 +112,7 @@ def make_gyroscope(
         DataError: fewer than two rows can be used.
     """
     finite, source = mark_places(table.columns), source or str(path)
-    kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
+    kept, faults = choose_rows(source, table, finite, "numbers that are not finite")
     if np.count_nonzero(kept) < 2:
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
         problem = _describe_unusable(table, int(np.count_nonzero(kept)), "reading of a gyroscope", has)
@@ -142,7 +142,7 @@ def make_fixes(
     sigmas = table.columns[:, 2] if table.columns.shape[1] > 2 else np.full(len(latitudes), np.nan)
     on_earth = (np.abs(latitudes) <= 90.0) & (np.abs(longitudes) <= 180.0)  # false for NaN
     on_earth &= (latitudes != 0.0) | (longitudes != 0.0)  # receivers write zeros where they have no fix
-    kept, faults = _choose_rows(source or str(path), table, np.asarray(on_earth), "no place on the Earth")
+    kept, faults = choose_rows(source or str(path), table, np.asarray(on_earth), "no place on the Earth")
     if not kept.any():
         has = "a latitude within 90 degrees and a longitude within 180 degrees that are not both 0"
         problem = _describe_unusable(table, 0, "position of a GNSS receiver", has)
@@ -176,7 +176,7 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
     return f"holds {count_of(rows, what)} {whose}, of which {f'only {kept}' if kept else 'none'} has {has}"
 
 
-def _choose_rows(
+def choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
     """Marks the sound rows (N,) whose stamps increase, as many as possible; also returns faults about all other rows.

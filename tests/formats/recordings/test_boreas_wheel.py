@@ -105,7 +105,7 @@ def test_damaged_counts_are_refused_and_rows_without_a_count_are_left_out(boreas
     write_lines(file, header, *rows[:50], f"{stamp},", *rows[51:])
     recording = open_recording(boreas)
     assert_rolls(recording.odometry)
-    assert recording.faults == (f"{file}: 1 row left out: no count, or no later stamp than the row before",)
+    assert recording.faults == (f"{file}: 1 of 161 rows is left out: damaged, or with no count",)
     write_lines(file, header, rows[0])
     assert "holds 1 reading of" in why_not(open_recording(boreas))
 
