@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from socket import gethostname
 
 import numpy as np
@@ -135,23 +136,18 @@ def detect_all(
         accept=lambda part: not (strict and part.unread),
         steps=lambda span: span[1] - span[0],
     )
-    store, unread, counts = ScanStore(), dict[int, DataError](), PeakCounts()
-    read_s, detect_s = 0.0, 0.0
-    stretches: list[Velocities] = []
+    store, others = ScanStore(), list[Detected]()
 
     def take_in() -> Iterator[Returns]:
-        """Stores and yields the returns of one scan after the other, and collects the other results."""
-        nonlocal counts, read_s, detect_s
+        """Stores and yields the returns of one scan after the other, and collects the other results in `others`."""
         for part in parts:
-            unread.update(part.unread)
-            counts, read_s, detect_s = counts + part.counts, read_s + part.read_s, detect_s + part.detect_s
-            if part.velocities is not None:
-                stretches.append(part.velocities)
+            others.append(replace(part, returns=[]))
             for returns in part.returns:
                 store.append(returns)
                 yield returns
 
     fixed = find_fixed(take_in())
+    unread = {k: error for part in others for k, error in part.unread.items()}
     if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
         problem = f"{first.problem}; {len(unread)} of {total} polar scans cannot be used"
@@ -163,7 +159,10 @@ def detect_all(
             rest.append(drop_cells(scan.returns, fixed))
         scans = rest.close(scans.spans)
     _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
-    detected = Detected([], unread, read_s, detect_s, counts, _join(stretches))
+    read_s, detect_s = sum(part.read_s for part in others), sum(part.detect_s for part in others)
+    counts = sum((part.counts for part in others), PeakCounts())
+    velocities = _join([part.velocities for part in others if part.velocities is not None])
+    detected = Detected([], unread, read_s, detect_s, counts, velocities)
     return Scans(scans, recording.start_us, recording.revolution_s), detected
 
 
