@@ -33,7 +33,7 @@ from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.images import list_stamps, write_png
 from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings import oxford
-from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps, stamps_in_us
 from mqslam.formats.recordings.boreas_wheel import USUAL_RADIUS_M, is_wheel_radius, read_wheel
 from mqslam.formats.recordings.layout import Sensing, Target, is_range_offset
 from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
@@ -43,7 +43,6 @@ from mqslam.formats.tables import read_header, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
 """Stamp [us] of 2021-09-21, when another radar was mounted."""
-_RADAR = "Boreas's radar at that date"
 _RADAR_OFFSET_M = -0.31  # range of the near end of bin 0, by Navtech and the data set's own experiment
 _MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among other values
 RANGE_RESOLUTION_BEFORE_M = 0.0596
@@ -62,14 +61,10 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     """Indexes a recording of Boreas: reads the names of the images, a few of the images, the poses and the other sensors."""
     folder = oxford.find_image_folder(path)
     root = folder.parent
-    recording = open_rows(
-        path,
-        "boreas",
-        folder,
-        list_stamps(folder),
-        lambda start_us: sensing.choose_resolution(_find_resolution(start_us), _RADAR),
-        sensing,
-    )
+    names = list_stamps(folder)
+    usual_m = _find_resolution(int(stamps_in_us(names).max(initial=0)))  # no recording goes on while a radar is replaced
+    bin_length = sensing.choose_resolution(usual_m, "Boreas's radar at that date")
+    recording = open_rows(path, "boreas", folder, names, bin_length, sensing)
     poses = root / "applanix" / "radar_poses.csv"
     imus = (*(root / "imu" / name for name in DMU_NAMES), root / "applanix" / "imu_raw.csv")
     imu = next((file for file in imus if file.exists()), None)  # the file on which the ground truth depends least
@@ -171,9 +166,9 @@ def _read_mount(calibration: Path) -> Mount | None:
     return Mount(np.array([x, y, np.arctan2(ahead[1], ahead[0])]), source)
 
 
-def _find_resolution(start_us: int) -> float:
+def _find_resolution(stamp_us: int) -> float:
     """Returns the length of a range bin [m] of the radar that was mounted at a stamp [us]."""
-    return RANGE_RESOLUTION_BEFORE_M if start_us < UPGRADE_US else RANGE_RESOLUTION_M
+    return RANGE_RESOLUTION_BEFORE_M if stamp_us < UPGRADE_US else RANGE_RESOLUTION_M
 
 
 def _read_poses(file: Path) -> Trajectory:

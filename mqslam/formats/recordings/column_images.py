@@ -100,7 +100,7 @@ def open_columns(
     images: ColumnImages,
     named_us: NDArray[np.int64],
     numbers: NDArray[np.int64] | None,
-    usual_resolution: tuple[float, str],
+    bin_length: tuple[float, list[str]],
     sensing: Sensing,
 ) -> ColumnImageRecording:
     """Indexes polar images by their names; reads no image but the first that can be read.
@@ -111,8 +111,7 @@ def open_columns(
         images: the images.
         named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
         numbers: (N,) increasing numbers that the recorder gave to polar scans; some may be missing. None: none is missing.
-        usual_resolution: (1) the length of a range bin [m], unless `sensing` states another one; (2) the name of the radar
-            that has such bins, for a note.
+        bin_length: (1) the length of a range bin [m]; (2) a list with a note for the user if this length is assumed.
         sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
 
     Raises:
@@ -124,7 +123,7 @@ def open_columns(
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
     arrivals = estimate_arrivals(named_us[skipped:], None if numbers is None else numbers[skipped:])
-    resolution, assumed = sensing.choose_resolution(*usual_resolution)
+    resolution, assumed = bin_length
     starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us))
     return ColumnImageRecording(
         path=path,

@@ -34,7 +34,6 @@ from mqslam.formats.sensors.reading import add_beside
 from mqslam.formats.tables import read_stamped
 
 RANGE_RESOLUTION_M = 0.0595  # published with the data set
-_USUAL_BINS = (RANGE_RESOLUTION_M, "MulRan's radar")
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
 """Pose of the radar on the vehicle [m, m, rad]: from calib_base2radar.txt of the dataset, without z."""
@@ -56,12 +55,13 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         remedy = f"give the folder that holds sensor_data/radar/{_COLUMNS} or {_ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
     names = list_stamps(folder)
+    bin_length = sensing.choose_resolution(RANGE_RESOLUTION_M, "MulRan's radar")
     recording: Recording
     if folder.resolve().name == _ROWS:
-        recording = open_rows(path, "mulran", folder, names, lambda _: sensing.choose_resolution(*_USUAL_BINS), sensing)
+        recording = open_rows(path, "mulran", folder, names, bin_length, sensing)
     else:
         images = ColumnImages(folder, names)
-        recording = open_columns(path, "mulran", images, stamps_in_us(names), None, _USUAL_BINS, sensing)
+        recording = open_columns(path, "mulran", images, stamps_in_us(names), None, bin_length, sensing)
     poses, imu, gps = (
         next((file for above in folder.resolve().parents[:3] if (file := above / name).exists()), None)
         for name in ("global_pose.csv", "xsens_imu.csv", "gps.csv")

@@ -59,7 +59,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, unlisted, damage = _list_names(root, folder)
-    recording = open_rows(path, "oxford", folder, names, lambda _: _find_resolution(root, sensing.range_resolution), sensing)
+    recording = open_rows(path, "oxford", folder, names, _find_resolution(root, sensing.range_resolution), sensing)
     odometry = root / "odom.csv"
     broken: list[str] = []
     recording = add_beside(

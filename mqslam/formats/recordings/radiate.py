@@ -71,7 +71,8 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / _NAME).exists() else []))
     images = ColumnImages(folder, names, _DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, "RADIATE's radar"), sensing)
+    bin_length = sensing.choose_resolution(RANGE_RESOLUTION_M, "RADIATE's radar")
+    recording = open_columns(path, "radiate", images, stamps, names, bin_length, sensing)
     messages, unread = read_beside(lambda: _read_messages(folder.parent))
     faults, notes = [*faults, *recording.faults, *unread], (*notes, *recording.notes)
     recording = replace(recording, notes=notes, faults=tuple(faults))

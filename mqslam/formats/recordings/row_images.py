@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -125,7 +125,7 @@ def open_rows(
     format: str,
     folder: Path,
     names: NDArray[np.int64],
-    choose_resolution: Callable[[int], tuple[float, list[str]]],
+    bin_length: tuple[float, list[str]],
     sensing: Sensing,
 ) -> RowImageRecording:
     """Indexes images by their names; reads the first and the last readable image, and a few others.
@@ -139,8 +139,7 @@ def open_rows(
         format: name of its layout.
         folder: folder of the images.
         names: (N,) names of the images, increasing.
-        choose_resolution: takes the stamp [us] at which a recording begins, and returns the length of its range bins [m]
-            and a list with a note for the user if this length is assumed.
+        bin_length: (1) the length of a range bin [m]; (2) a list with a note for the user if this length is assumed.
         sensing: what the user states about the radar.
 
     Raises:
@@ -182,7 +181,7 @@ def open_rows(
     duration = last.find_duration()
     if duration is not None:
         turns[-1] = max(1, int(last.stamps_us[0]) + duration - int(starts[-1]))
-    resolution, assumed = choose_resolution(int(starts[0]))
+    resolution, assumed = bin_length
     return RowImageRecording(
         path=path,
         format=format,
