@@ -6,12 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.simulator.scene import BLOCK, LANE, Scene
-
-Times = NDArray[np.float64]
+from mqslam.simulator.scene import BLOCK, LANE, Array, Scene
 
 _ROUND = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE)  # size of one round in the right-hand lane, along x and y [m]
 _CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners [m/s], largest acceleration [m/s^2]
@@ -22,11 +19,11 @@ class Drive(ABC):
     """A smooth motion of the sensor through a scene."""
 
     @abstractmethod
-    def poses(self, times: Times) -> se2.Array:
+    def poses(self, times: Array) -> se2.Array:
         """Returns the poses (N, 3) x, y [m], yaw [rad] at times (N,) [s] in the scene's frame; the yaw is not wrapped."""
 
     @abstractmethod
-    def twists(self, times: Times) -> se2.Array:
+    def twists(self, times: Array) -> se2.Array:
         """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
 
 
@@ -44,11 +41,11 @@ class ConstantDrive(Drive):
     omega: float
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def poses(self, times: Times) -> se2.Array:
+    def poses(self, times: Array) -> se2.Array:
         """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s] in the scene's frame."""
         return se2.compose(np.array(self.start), se2.exp(np.array([self.v, 0.0, self.omega]), times))
 
-    def twists(self, times: Times) -> se2.Array:
+    def twists(self, times: Array) -> se2.Array:
         """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
         return np.tile([self.v, 0.0, self.omega], (len(times), 1))
 
@@ -63,11 +60,11 @@ class SampledDrive(Drive):
         rates: (N, 3) time derivatives of these poses [m/s, m/s, rad/s].
     """
 
-    times: Times
+    times: Array
     samples: se2.Array
     rates: se2.Array
 
-    def poses(self, times: Times) -> se2.Array:
+    def poses(self, times: Array) -> se2.Array:
         """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s] in the scene's frame."""
         f, _, a, b, ra, rb = self._find_intervals(times)
         return (
@@ -77,7 +74,7 @@ class SampledDrive(Drive):
             - f**2 * (1.0 - f) * rb
         )
 
-    def twists(self, times: Times) -> se2.Array:
+    def twists(self, times: Array) -> se2.Array:
         """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
         f, step, a, b, ra, rb = self._find_intervals(times)
         rate = (6.0 * f * (1.0 - f) * (b - a) + (1.0 - f) * (1.0 - 3.0 * f) * ra + f * (3.0 * f - 2.0) * rb) / step
@@ -86,7 +83,7 @@ class SampledDrive(Drive):
         ahead, left = c * rate[:, 0] + s * rate[:, 1], c * rate[:, 1] - s * rate[:, 0]
         return np.column_stack([ahead, left, rate[:, 2]])
 
-    def _find_intervals(self, times: Times) -> tuple[Times, Times, se2.Array, se2.Array, se2.Array, se2.Array]:
+    def _find_intervals(self, times: Array) -> tuple[Array, Array, se2.Array, se2.Array, se2.Array, se2.Array]:
         """Finds the intervals between samples for times (N,) [s].
 
         Returns:
@@ -127,7 +124,7 @@ def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
     return SampledDrive(times, poses, rates)
 
 
-def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
+def _lay_lap(speed: float) -> tuple[Array, se2.Array, Array, Array]:
     """Lays one round of the middle block, with the speed limit `speed` [m/s] on its straights.
 
     Returns:
@@ -138,7 +135,7 @@ def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
     poses = [np.array([[0.0, -_ROUND[1] / 2.0, 0.0]])]
     places, curvatures, limits = [np.zeros(1)], [np.zeros(1)], [np.full(1, speed)]
 
-    def add(piece: se2.Array, curvature: Times, spacing: float, limit: float) -> None:
+    def add(piece: se2.Array, curvature: Array, spacing: float, limit: float) -> None:
         poses.append(se2.compose(poses[-1][-1], piece))
         places.append(places[-1][-1] + spacing * np.arange(1, len(piece) + 1))
         curvatures.append(curvature)
@@ -157,7 +154,7 @@ def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
     return np.concatenate(places), np.concatenate(poses), np.concatenate(curvatures), np.concatenate(limits)
 
 
-def _lay_corner() -> tuple[se2.Array, Times, float]:
+def _lay_corner() -> tuple[se2.Array, Array, float]:
     """Lays a left-hand corner of 90 degrees whose curvature [1/m] rises and falls linearly.
 
     Returns:
@@ -176,7 +173,7 @@ def _lay_corner() -> tuple[se2.Array, Times, float]:
     return poses[1:], bend[1:], float(spacing)
 
 
-def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Times:
+def limit_acceleration(distance: Array, limit: Array, acceleration: float) -> Array:
     """Returns the largest speeds (N,) [m/s] along a path that exceed neither the speed limits nor an acceleration.
 
     Args:
@@ -216,7 +213,7 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
     return replace(scene, movers=movers)
 
 
-def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
+def meets(mover: Array, place: float, times: Array, poses: se2.Array) -> bool:
     """Returns whether another vehicle, which starts at `place` [m] along its lane, would touch the radar's own vehicle.
 
     The other vehicle is `mover`, a row (9,) of `Scene.movers`. The radar's vehicle has poses (N, 3) [m, m, rad] in the

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from worlds.hard.realism import Realism
 
 from mqslam.simulator.beam import COUNTS_PER_DECADE
-from mqslam.simulator.drive import Drive, Times
+from mqslam.simulator.drive import Drive
 from mqslam.simulator.scene import Array
 
 BURST = 16
@@ -88,7 +88,7 @@ class Suspension:
     rates: Array  # (2, W) of the sines of pitch and roll [Hz]
     phases: Array  # (2, W) of them [rad]
 
-    def tip(self, times: Times, angles: Array) -> Array:
+    def tip(self, times: Array, angles: Array) -> Array:
         """Returns the tip of the beam upwards (A,) [rad] at times (A,) [s], in directions (A,) [rad] against the heading."""
         speed = self.drive.twists(times)[:, 0]
         braking = (self.drive.twists(times - 0.05)[:, 0] - self.drive.twists(times + 0.05)[:, 0]) / 0.1
