@@ -33,7 +33,7 @@ from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chir
 from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, is_range_offset, note_resolution
 from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
 from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table, write_fixes_csv, write_gyroscope_csv
-from mqslam.formats.sensors.reading import Reading, add_beside
+from mqslam.formats.sensors.reading import Reading, add_beside, read_beside
 from mqslam.formats.tables import parse_numbers, read_rows
 from mqslam.formats.text import read_lines
 from mqslam.formats.trajectories import read_odometry, write_twists
@@ -60,18 +60,17 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, unlisted, damage = _list_names(root, folder)
     recording = open_rows(path, "oxford", folder, names, _find_resolution(root, sensing.range_resolution), sensing)
-    odometry = root / "odom.csv"
-    broken: list[str] = []
+    odometry, offset, notes = root / "odom.csv", _find_range_offset(root), (*unlisted, *recording.notes)
+    read, untrue = read_beside(lambda: _read_ground_truth(root, recording))
+    truth, broken = (None, []) if read is None else read
     recording = add_beside(
-        replace(recording, range_offset=_find_range_offset(root), notes=(*unlisted, *recording.notes)),
+        replace(recording, range_offset=offset, ground_truth=truth, notes=(*notes, *broken)),
         lambda: _read_gyroscope(root),
         lambda: _read_fixes(root),
         lambda: _read_mount(root),
-        truth=lambda: _read_ground_truth(root, recording, broken),
         odometry=lambda: read_odometry(odometry) if odometry.exists() else None,
-        notes=broken,
     )
-    return replace(recording, faults=(*damage, *recording.faults))
+    return replace(recording, faults=(*damage, *untrue, *recording.faults))
 
 
 def find_image_folder(path: Path) -> Path:
@@ -183,32 +182,33 @@ def _read_mount(root: Path) -> Mount | None:
     return Mount(pose, str(file))
 
 
-def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Trajectory | None:
+def _read_ground_truth(root: Path, recording: Recording) -> tuple[Trajectory | None, list[str]]:
     """Reads the poses of the ground truth: of a converted recording or, for the dataset itself, chained from its motions.
 
-    Only the longest stretch of successive motions within the recording is used; `notes` receives a note for the user if
-    the motions have breaks, or if all lie outside the recording. Returns None if there is no ground truth.
+    Only the longest stretch of successive motions within the recording is used.
+
+    Returns:
+        The poses, or None if there is no ground truth, and a list with a note for the user if the motions have breaks or if
+        all of them lie outside the recording.
     """
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
-        return read_tum(tum)
+        return read_tum(tum), []
     if not csv.exists():
-        return None
+        return None, []
     table = parse_numbers(csv, read_rows(csv, "repair or remove it")[1:], [0, 1, 2, 3, 7])
     table = table[np.argsort(table[:, 0], kind="stable")]
     later, earlier = np.round(table[:, :2]).astype(np.int64).T
     inside = (later > recording.start_us) & (earlier < int(recording.stamps_us[-1] + recording.turns_us[-1]))
     table, later, earlier = table[inside], later[inside], earlier[inside]
     if not len(table):
-        notes.append(f"{csv.name} has no row within the recording: there is no ground truth")
-        return None
+        return None, [f"{csv.name} has no row within the recording: there is no ground truth"]
     breaks = np.flatnonzero(earlier[1:] != later[:-1]) + 1
     longest = max(np.split(np.arange(len(table)), breaks), key=len)
-    if len(breaks):
-        held = count_of(len(breaks), "break")
-        notes.append(f"{csv.name} has {held}: only the longest stretch without a break is used as ground truth")
+    held = f"{csv.name} has {count_of(len(breaks), 'break')}"
+    notes = [f"{held}: only the longest stretch without a break is used as ground truth"] if len(breaks) else []
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
-    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps))
+    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes
 
 
 def write(out: Path, recording: Recording) -> list[str]:
