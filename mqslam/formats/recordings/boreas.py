@@ -69,16 +69,17 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     imus = (*(root / "imu" / name for name in DMU_NAMES), root / "applanix" / "imu_raw.csv")
     imu = next((file for file in imus if file.exists()), None)  # the file on which the ground truth depends least
     unread = root / "applanix" / "imu.csv"
-    dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
     offset, notes = (0.0, []) if sensing.range_offset is not None else _read_radar_offset(root / "calib" / _MISC)
     offset -= 0.5 * recording.range_resolution
+    if imu is None and unread.exists():
+        dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
+        notes.append(f"{dependent}; give it as the gyroscope to use it all the same")
     placed = add_beside(
         replace(recording, range_offset=offset, notes=(*recording.notes, *notes)),
         lambda: read_gyroscope_table(imu) if imu else None,
         lambda: read_fixes_table(fixes) if (fixes := _find_fixes(root)) else None,
         lambda: _read_mount(root / "calib"),
         truth=lambda: _read_poses(poses) if poses.exists() else None,
-        notes=[f"{dependent}; give it as the gyroscope to use it all the same"] if imu is None and unread.exists() else [],
     )
     wheel = root / "applanix" / "dmi.csv"
     return _add_wheel(placed, wheel, root / "calib") if wheel.exists() else placed

@@ -176,16 +176,14 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         odometry=odometry,
         ground_truth=truth,
         truth_on_vehicle=truth_on_vehicle,
-        notes=tuple(notes),
+        notes=(*notes, *sensors.notes),
         faults=(*faults, *unplaced),
         radar=radar,
         messages_us=messages_us,
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
     )
-    placed = add_beside(
-        recording, lambda: sensors.read_gyroscope(path), lambda: sensors.read_fixes(path), lambda: mount, notes=sensors.notes
-    )
+    placed = add_beside(recording, lambda: sensors.read_gyroscope(path), lambda: sensors.read_fixes(path), lambda: mount)
     if not upside_down:
         return placed
     over = f"{sensors.mounts.find_topic(index.radar_frame)} places the radar upside down"

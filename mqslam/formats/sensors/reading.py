@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -64,7 +64,6 @@ def add_beside(
     *,
     truth: Callable[[], Trajectory | None] = lambda: None,
     odometry: Callable[[], Trajectory | None] = lambda: None,
-    notes: Iterable[str] = (),
 ) -> _Some:
     """Returns a recording with its other sensors and trajectories added; what cannot be used is left out, with a fault.
 
@@ -76,7 +75,6 @@ def add_beside(
         mount: reads the radar's mount in the same way.
         truth: reads the ground truth in the same way.
         odometry: reads the odometry in the same way.
-        notes: further notes for the user.
     """
     (true_track, untrue), (track, unused) = read_beside(truth), read_beside(odometry)
     turning, unturned = read_beside(gyroscope)
@@ -91,7 +89,7 @@ def add_beside(
         gyroscope=turning.sensor if turning else None,
         fixes=placed.sensor if placed else None,
         mount=seat,
-        notes=(*recording.notes, *notes, *(note for reading in read for note in reading.notes)),
+        notes=(*recording.notes, *(note for reading in read for note in reading.notes)),
         faults=(*untrue, *unused, *recording.faults, *faults),
     )
 
