@@ -1,4 +1,4 @@
-"""Reads tables of numbers from CSV: finds columns by names that may state a unit, and tolerates single damaged rows."""
+"""Reads tables of numbers from CSV, whose column names may state units; the table of a sensor may have damaged rows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
     "rpm": 2.0 * np.pi / 60.0,
 }
 DIMENSIONLESS: Final = {"-": 1.0}
-"""Units in lower case with their factors: lengths to m, angles to degrees and to rad, speeds to m/s, turn rates to rad/s."""
+"""Units in lower case with their multipliers: lengths to m, angles to degrees and to rad, speeds to m/s, rates to rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
 _LONGEST_LINE = 10_000  # a file whose first line has more characters is no table
 _LISTED = 20  # an error lists at most this many columns
@@ -42,7 +42,7 @@ _REPAIR = "repair or remove its line"
 _GIVE_STAMPS = "give stamps in s, us or ns"
 Parse = Callable[[str], float]
 Wanted = Sequence[tuple[str, dict[str, float]]]
-"""Names of columns, each with the units that the column may have and their factors to the first of these units."""
+"""Names of columns, each with the units that the column may have and their multipliers to the first of these units."""
 
 
 @dataclass(frozen=True, slots=True)

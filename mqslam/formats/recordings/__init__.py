@@ -1,4 +1,4 @@
-"""Opens recordings in all known layouts; for a radar's, one module per layout reads and writes the recordings in it."""
+"""Opens recordings in all known layouts; each layout of a radar's recordings has a module here that reads and writes it."""
 
 from __future__ import annotations
 
