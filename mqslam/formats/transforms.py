@@ -213,7 +213,8 @@ class Transforms:
         else:
             bodies = sorted(own - {link for name in own for link in self._climb(name)[1:]})
         if len(bodies) != 1:
-            raise ValueError(f"has transforms of {len(bodies)} frames that may be the vehicle's ({listed})")
+            several = f"has transforms of {len(bodies)} frames that may be the vehicle's"
+            raise ValueError(f"{several if bodies else 'has no transforms by which the vehicle moves'} ({listed})")
         return bodies[0]
 
     def trace(self, frame: str) -> Trajectory:

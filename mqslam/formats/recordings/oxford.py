@@ -103,7 +103,7 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
     notes = []
     if len(kept) < len(listed):
         skipped = len(listed) - len(kept)
-        notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps have no image and are skipped")
+        notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps are marked 0 or have no image: skipped")
     if extra := len(present - {stamp for stamp, _ in listed}):
         notes.append(f"{count_of(extra, 'image')} in radar/ {is_or_are(extra)} not listed in radar.timestamps: left out")
     backward = [later for earlier, later in itertools.pairwise(kept) if later < earlier]

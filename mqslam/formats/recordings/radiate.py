@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
@@ -56,7 +57,7 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     faults = []
     there = {int(name) for name in list_numbers(folder) if len(name) == _DIGITS}
     if unlisted := sorted(there - set(frames.tolist())):
-        others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
+        others = f" and {count_of(len(unlisted) - 1, 'other')}" if len(unlisted) > 1 else ""
         faults.append(f"{listing.name} has no line for frame {_format_frame(unlisted[0])}{others}: left out")
     order = np.argsort(frames, kind="stable")
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():

@@ -63,7 +63,7 @@ def test_polar_scans_marked_absent_or_without_an_image_are_skipped_and_noted(oxf
     (oxford / "radar" / f"{stamps[4]}.png").unlink()
     recording = open_recording(oxford)
     np.testing.assert_array_equal(recording.stamps_us, np.array(stamps)[[0, 2, 3, 5]])
-    assert any("2 of 6 polar scans" in note for note in recording.notes)
+    assert "2 of 6 polar scans in radar.timestamps are marked 0 or have no image: skipped" in recording.notes
 
 
 def test_range_resolution_comes_from_the_user_then_the_recording_then_the_layout(oxford: Path) -> None:

@@ -85,6 +85,8 @@ def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, li
     recording = open_recording(radiate)
     assert len(list(recording.polar_scans())) == 5
     assert "Navtech_Polar.txt has no line for frame 000003: left out" in recording.faults
+    edit(radiate / "Navtech_Polar.txt", 4, line)
+    assert "Navtech_Polar.txt has no line for frame 000003 and 1 other: left out" in open_recording(radiate).faults
 
 
 def test_nanoseconds_are_read_without_their_leading_zeros(tmp_path: Path) -> None:
