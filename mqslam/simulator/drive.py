@@ -100,7 +100,7 @@ class SampledDrive(Drive):
 def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
     """Makes a drive of counter-clockwise rounds of a street scene's middle block, in the right-hand lane.
 
-    At the default speed, one round takes about 47 s. The drive starts at the midpoint of the block's side with the least y,
+    At the default speed, one round takes about 48 s. The drive starts at the midpoint of the block's side with the least y,
     heading along x.
 
     Args:

@@ -31,7 +31,7 @@ USUAL_TRAFFIC = 0.2
 
 
 def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
-    """Makes a city of about 1.3 km by 0.9 km, with 12 km of streets that a drive can use.
+    """Makes a city of about 1.4 km by 0.9 km, with 14 km of streets that a drive can use.
 
     Vehicles move on all lanes and do not give way: `give_way` removes the vehicles that a drive would meet.
 
