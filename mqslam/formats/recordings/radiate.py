@@ -59,13 +59,12 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     if unlisted := sorted(there - set(frames.tolist())):
         others = f" and {count_of(len(unlisted) - 1, 'other')}" if len(unlisted) > 1 else ""
         faults.append(f"{listing.name} has no line for frame {_format_frame(unlisted[0])}{others}: left out")
-    order = np.argsort(frames, kind="stable")
+    order = np.unique(frames, return_index=True)[1]  # if a frame has several lines, the first counts
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
         faults.append(
             f"{listing.name} does not list its frames in order, first at {_format_frame(frames[backward[0] + 1])}: "
             "they are sorted"
         )
-    order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     present = order[np.isin(frames[order], list(there))]
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
