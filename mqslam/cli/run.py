@@ -105,7 +105,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from mqslam.core.wording import describe_last_pose
+    from mqslam.core.wording import describe_last_pose, describe_left_out
 
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("")
@@ -134,7 +134,8 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
     dataset, runtime = summary["dataset"], summary["runtime_s"]
     table.caption = Text(
-        f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
+        f"{dataset['revolutions']} scans{describe_left_out(dataset)}, "
+        f"{dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"computed in {runtime['total']:.1f} s, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(
             f"{name}: {text}"

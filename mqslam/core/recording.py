@@ -173,6 +173,11 @@ class Recording(ABC):
         """Adds poses of the scans that the recording leaves out; a radar's leaves out none, and the track stays as it is."""
         return track
 
+    @property
+    def left_out(self) -> int:
+        """Number of scans that are left out because a lidar had hardly moved; a radar's are all used."""
+        return 0
+
     def gaps(self) -> list[tuple[int, float]]:
         """Lists the gaps between polar scans: (index of the scan before the gap, length of the gap [s])."""
         missing = (self.stamps_us[1:] - self.ends_us[:-1]) * 1e-6
@@ -216,8 +221,9 @@ class LidarRecording(Recording):
         return self.scans.revolution_s
 
     def take(self, chosen: Sequence[int]) -> Self:
-        """Returns a part of the recording: the scans with these indices, two or more."""
-        return self._hold(self.scans.take(chosen))
+        """Returns a part of the recording: the scans with these indices, two or more; the last one's duration stays."""
+        part = self._hold(self.scans.take(chosen))
+        return replace(part, turns_us=np.append(part.turns_us[:-1], self.turns_us[chosen[-1]]))
 
     def cut(self, first: int, after: int) -> Self:
         """Returns a part of the recording: the scans first <= k < after, two or more; times count from the first of them."""
@@ -227,6 +233,11 @@ class LidarRecording(Recording):
         """Returns the recording with only these scans, and the durations that follow from their stamps."""
         part = replace(part, revolution_s=float(np.median(np.diff(part.start_times))))
         return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
+
+    @property
+    def left_out(self) -> int:
+        """Number of scans that are left out because the lidar had hardly moved."""
+        return 0 if self.every_us is None else len(self.every_us) - len(self)
 
     def complete(self, track: Trajectory) -> Trajectory:
         """Adds poses of the scans that were left out: odometry, corrected to agree with the poses before and after them.

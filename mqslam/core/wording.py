@@ -50,6 +50,12 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
     return [str(reason) for reason in verdict.get("reasons") or () if str(reason) not in diagnosis]
 
 
+def describe_left_out(dataset: Mapping[str, Any]) -> str:
+    """Returns in words, in brackets, how many scans of a lidar are left out, given `dataset` of a summary; "" for none."""
+    left_out = dataset.get("left_out")
+    return f" ({left_out} more are left out, since the lidar had hardly moved)" if left_out else ""
+
+
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:
     """Describes the uncertainty of a run's last pose in words.
 

@@ -112,8 +112,8 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
             ("the pictures of the trajectory", lambda: _show_trajectories(run, truth)),
         ],
     )
-    page.add("the charts along the path", lambda: chart_path(run, recording.ground_truth))
-    page.add("the tables", lambda: _list_numbers(run, summary))
+    page.add("the charts along the path", lambda: chart_path(run, recording.ground_truth, recording.left_out))
+    page.add("the tables", lambda: _list_numbers(run, recording, summary))
     return page.write(folder)
 
 
@@ -346,17 +346,20 @@ def _count_cropped(pointmap: PointMap, poses: Sequence[se2.Array]) -> int:
     return int(sum(count.sum() for count in counts))
 
 
-def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
+def chart_path(run: Run, truth: Trajectory | None, left_out: int = 0) -> Section | None:
     """Returns the charts over the length of the path; None for a run of a single pose.
 
     Args:
         run: the run.
         truth: ground truth in any fixed frame; None without ground truth.
+        left_out: number of scans that are left out.
     """
     if len(run.optimised) < 2:
         return None
     charts = [*_chart_truth(run, truth), *_chart_correction(run), _chart_speed(run.optimised), *_chart_sigmas(run)]
-    return Section("Along the path", figures=charts)
+    length = format_length(run.optimised.length_m)
+    note = f"Distances count from scan to scan of the {len(run.optimised)} that are used, {length} in all."
+    return Section("Along the path", [note] if left_out else [], figures=charts)
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
@@ -450,10 +453,10 @@ def _chart_sigmas(run: Run) -> list[Figure]:
     return [_chart_both("Covariance along the path", caption, "position, 1σ [m]", left, "heading, 1σ [°]", heading)]
 
 
-def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
+def _list_numbers(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Section:
     """Returns the numbers at the end of a run's page; angles are in degrees."""
     parts = {**summary, **part_of(summary, "sensors")}
-    groups = [(f"Map quality: {run.before} → optimised", _list_quality(run, part_of(summary, "psi")))]
+    groups = [(f"Map quality: {run.before} → optimised", _list_quality(run, recording, part_of(summary, "psi")))]
     for group, heading in _GROUPS.items():
         values = list_values(group, part_of(parts, group))
         if group in ("mount", "gyroscope", "gnss", "chirps"):  # unknown values are left out
@@ -465,13 +468,14 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
     return Section("Numbers", numbers=groups)
 
 
-def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _list_quality(run: Run, recording: Recording, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Returns names and texts of numbers that tell how good the map is, each before and after optimisation."""
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
+    tracks = map(recording.complete, (run.odometry, run.optimised))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),
         ("points", _show_change([f"{len(pointmap):,}" for pointmap in (run.map_odometry, run.map_optimised)])),
-        ("path", _show_change([format_value(track.length_m, " m") for track in (run.odometry, run.optimised)])),
+        ("path", _show_change(format_value(track.length_m, " m") for track in tracks)),
     ]
     if None not in across:
         rows.insert(0, ("ψ per point across passes", _show_change(map(format_value, across), format_change(*across))))

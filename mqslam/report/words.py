@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.wording import left_or_right
+from mqslam.core.wording import describe_left_out, left_or_right
 
 ABSENT: Final = "–"
 NOT_JUDGED: Final = "not judged"
@@ -56,6 +56,7 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "sigma_y_m": ("± to the left (one sigma)", " m"),
     "sigma_yaw_rad": ("± turned (one sigma)", " rad"),
     "length_m": ("length of path", " m"),
+    "left_out": ("scans left out, hardly moved", ""),
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),
     "factors.refinement": ("scans registered on earlier passes", ""),
@@ -88,9 +89,10 @@ def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[s
     dataset = part_of(summary, "dataset")
     scans = next((dataset[key] for key in ("revolutions", "sweeps") if key in dataset), None)
     shown = ((dataset.get("length_m"), " m"), (dataset.get("duration_s"), " s"), (scans, " scans"))
+    drive = [format_value(value, unit) for value, unit in shown if value is not None]
     facts = {
         "recording": f"{dataset['path']} ({dataset['format']})" if dataset else None,
-        "drive": ", ".join(format_value(value, unit) for value, unit in shown if value is not None),
+        "drive": f"{', '.join(drive)}{describe_left_out(dataset)}",
         **others,
     }
     return [(name.replace("_", " "), value) for name, value in facts.items() if value]

@@ -23,7 +23,7 @@ from mqslam.errors import show
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.files import format_csv
+from mqslam.results.files import format_csv, summarise_size
 from mqslam.results.run_results import format_measurements, write_marginals
 from mqslam.results.run_verdict import warn_of_lost
 from mqslam.version import __version__
@@ -81,8 +81,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),
-            "revolutions": len(recording),
-            "duration_s": recording.duration_s,
+            **summarise_size(recording),
             "compared": comparison.compared,
         },
         "doppler_beta": comparison.doppler_beta,

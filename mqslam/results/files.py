@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import list_reasons
 from mqslam.errors import show
@@ -26,6 +27,12 @@ from mqslam.formats.tum import write_tum
 TRUTH: Final = "ground_truth.tum"
 AT_TRUTH: Final = "trajectory_at_truth.tum"
 _EVO: Final = "evo_ape"
+
+
+def summarise_size(recording: Recording) -> dict[str, Any]:
+    """Returns the entries of `dataset` on a recording's scans and its duration; a lidar's have the scans left out, too."""
+    left_out = {"left_out": recording.left_out} if isinstance(recording, LidarRecording) else {}
+    return {"revolutions": len(recording), **left_out, "duration_s": recording.duration_s}
 
 
 def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:

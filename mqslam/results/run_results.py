@@ -48,6 +48,7 @@ from mqslam.results.files import (
     list_notes,
     list_stages,
     list_verdict,
+    summarise_size,
     write_truth,
 )
 from mqslam.results.run_verdict import judge_run, list_unknowns
@@ -81,10 +82,9 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),
-            "revolutions": len(recording),
+            **summarise_size(recording),
             "unread": len(run.unread),
-            "duration_s": recording.duration_s,
-            "length_m": run.optimised.length_m,
+            "length_m": recording.complete(run.optimised).length_m,
         },
         "psi": {
             "odometry": before.psi_total,

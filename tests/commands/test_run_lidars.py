@@ -52,6 +52,20 @@ def test_every_scan_has_a_pose_though_scans_at_rest_are_not_solved(carmen: tuple
     np.testing.assert_array_equal(read_tum(out / "trajectory.tum").stamps_us, truth.stamps_us)
 
 
+def test_counts_length_and_duration_of_a_run_agree_with_its_trajectory(
+    carmen: tuple[Path, Trajectory],
+) -> None:
+    out, truth = carmen
+    dataset = json.loads((out / "summary.json").read_text())["dataset"]
+    assert dataset["revolutions"] < len(truth) == dataset["revolutions"] + dataset["left_out"]
+    assert dataset["duration_s"] == pytest.approx(0.2 * len(truth))
+    assert dataset["length_m"] == pytest.approx(read_tum(out / "trajectory.tum").length_m, abs=0.01)
+    page = (out / "report.html").read_text()
+    used, left_out = dataset["revolutions"], dataset["left_out"]
+    assert f"{used} scans ({left_out} more are left out, since the lidar had hardly moved)" in page
+    assert f"Distances count from scan to scan of the {used} that are used" in page
+
+
 def test_a_run_of_rooms_leaves_all_files_and_judges_its_map_good(carmen: tuple[Path, Trajectory]) -> None:
     out, _ = carmen
     summary = json.loads((out / "summary.json").read_text())
