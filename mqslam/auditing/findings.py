@@ -81,9 +81,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
     p_value = find_smallest(window.p_value for window in windows)
-    worst = max((window for window in windows if window.torn), key=lambda window: window.bend.size_m, default=None)
-    if worst is not None:
-        reason += f", the worst by {worst.bend.size_m:.2f} m {describe_times(worst.t0, worst.t1)}"
+    reason += _describe_worst([window for window in windows if window.torn])
     findings = [Finding(status, reason, p_value=p_value)]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(WINDOWS_FAIL):
@@ -369,6 +367,16 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     explanation = f"the trajectory is {'stretched' if is_stretched else 'bent'}: {reason}"
     status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
     return Finding(status, reason, p_value=p_value, cause=Cause.DRIFT, explanation=explanation)
+
+
+def _describe_worst(torn: Sequence[WindowAudit]) -> str:
+    """Describes the worst of the torn windows, and says how many are torn only by their speed; "" without torn windows."""
+    by_speed = sum(window.by_speed for window in torn)
+    bent = max((window for window in torn if not window.by_speed), key=lambda window: window.bend.size_m, default=None)
+    worst = "" if bent is None else f", the worst by {bent.bend.size_m:.2f} m {describe_times(bent.t0, bent.t1)}"
+    if by_speed:
+        worst += f", and {by_speed} {is_or_are(by_speed)} torn only because the scans contradict the speed there"
+    return worst
 
 
 def _describe_span(span: SpanAudit) -> str:

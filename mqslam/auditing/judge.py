@@ -298,5 +298,5 @@ def _decide(
         elif window.bend.matched_best < LEAST_MATCHED and not is_off:
             undecided = Undecided.APART
         torn = (window.torn or is_off) and undecided is None
-        decided.append(replace(window, torn=torn, undecided=undecided, speed=speed))
+        decided.append(replace(window, torn=torn, undecided=undecided, speed=speed, by_speed=torn and not window.torn))
     return decided

@@ -166,7 +166,12 @@ def _format_results(summary: dict[str, Any]) -> str:
 def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Returns the worst torn windows and revisits, whose errors exceed chance and tolerance, as rows (name, text)."""
     windows = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:_LISTED]
-    rows = [("torn window", f"{_place(w, w['t0'], w['t1'])}: bent by {w['size_m']:.2f} m") for w in windows]
+    rows = []
+    for w in windows:
+        why = f"bent by {w['size_m']:.2f} m"
+        if w["inflation"] <= summary["threshold"] or w["size_m"] <= summary["bend_m"]:
+            why = f"not bent, but the scans contradict its speed by {w['speed_error']:.2g} m/s"
+        rows.append(("torn window", f"{_place(w, w['t0'], w['t1'])}: {why}"))
     revisits = [r for r in summary["per_revisit"] if r["torn"]]
     for r in sorted(revisits, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:_LISTED]:
         off = f"off by {r['dx']:z.2f} m, {r['dy']:z.2f} m, {57.29578 * r['dyaw']:z.2f} deg"

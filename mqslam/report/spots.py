@@ -123,7 +123,9 @@ def spot_of_window(window: WindowAudit) -> Spot:
     """Returns the spot that describes a window, whether the window is torn or not."""
     bend = window.bend
     motion, size = describe_motion(bend.correction), format_length(bend.size_m)
-    known = "" if window.torn else ", not torn" if window.undecided is None else f", undecided: {window.undecided}"
+    known = "; torn only because the scans contradict its speed" if window.by_speed else ""
+    if not window.torn:
+        known = ", not torn" if window.undecided is None else f", undecided: {window.undecided}"
     return Spot(
         kind="window",
         time=_describe_stretch(window.t0, window.t1),

@@ -14,7 +14,7 @@ from support.laser_drive import cast_beams
 from mqslam.auditing import steps
 from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit, audit
-from mqslam.auditing.sizes import WINDOW
+from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
@@ -26,6 +26,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
+from mqslam.report.spots import spot_of_window
 from mqslam.results.audit_results import summarise
 
 CONFIG, ROOMS = Config(), fit_to_rooms(Config())
@@ -69,6 +70,10 @@ def test_a_speed_far_beyond_the_capture_range_is_measured_and_fails(factor: floa
     assert "corrections beyond 2.5 m over a window (1.7 m/s) cannot be measured, and inflation means nothing there" in reason
     assert audited.verdict.diagnosis.startswith("the trajectory belongs to another recording, or its clock, its scale")
     assert all(w.torn for w in audited.windows if w.speed is not None and w.speed.sure)
+    bent = [w for w in audited.windows if w.torn and not w.by_speed]
+    assert all(w.bend.inflation > TORN_INFLATION and w.bend.size_m > CONFIG.audit.bend_m for w in bent)
+    words = "torn only because the scans contradict its speed."
+    assert all(spot_of_window(w).text.endswith(words) is w.by_speed for w in audited.windows)
     errors = [w.speed.error_mps for w in audited.windows if w.speed is not None and w.speed.sure]
     truth = street_drive()[0].ground_truth
     middles = [(w.begin + w.end) // 2 - 1 for w in audited.windows if w.speed is not None and w.speed.sure]

@@ -141,6 +141,16 @@ def test_what_cannot_be_sure_is_no_revisit() -> None:
     )
 
 
+def test_the_reason_says_how_many_windows_are_torn_only_by_their_speed() -> None:
+    quick = [replace(window, by_speed=True) for window in scans(2, 2)]
+    assert judge_map([*scans(5, 10), *quick], [], 72)[1] == [
+        "7 of 12 windows are torn, the worst by 0.06 m from 0.0 s to 1.5 s, and 2 are torn only because the scans "
+        "contradict the speed there"
+    ]
+    reason = judge_map([*scans(0, 2), *quick[:1]], [], 18)[1][0]
+    assert reason.endswith(", and 1 is torn only because the scans contradict the speed there") and "worst" not in reason
+
+
 def test_undecided_windows_count_neither_as_torn_nor_as_whole() -> None:
     gaps = [replace(window, undecided=Undecided.GAP) for window in scans(0, 20)]
     status, reasons = judge_map([*scans(5, 10), *gaps], [], 180)

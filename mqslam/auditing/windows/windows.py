@@ -45,6 +45,7 @@ class WindowAudit:
         speed: check of the speed between the two middle scans; None if the speed was not checked.
         p_value: probability that a good map has an inflation this large in any window, if the covariance of the correction
             is right; NaN for an undecided window.
+        by_speed: whether the window is torn only because the scans contradict the speed.
     """
 
     begin: int
@@ -58,6 +59,7 @@ class WindowAudit:
     undecided: Undecided | None = None
     speed: SpeedCheck | None = None
     p_value: float = np.nan
+    by_speed: bool = False
 
 
 def audit_windows(shared: Shared, engine: Engine, progress: Progress, sampled: int | None = None) -> list[WindowAudit]:
