@@ -34,6 +34,7 @@ from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.inputs import WHOLE, Span, carry_to_radar, check_arguments, open_radar_or_lidar, read_extrinsics
+from mqslam.commands.lidar_inputs import warn_of_idle
 from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
@@ -165,8 +166,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             settings = load_config(config)
             recording = _open(data, format, range_resolution, settings, given, (start_s, end_s), time_offset_s)
             if isinstance(recording, LidarRecording):
-                settings, source = fit_to_rooms(settings), make_lidar_source(recording)
-                subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings)
+                settings, source, idle = fit_to_rooms(settings), make_lidar_source(recording), warn_of_idle(settings)
+                subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings, idle)
             else:
                 keep = keep_checkpoint(out, hash_run(recording, settings, "audit", recording.odometry), resume=resume)
                 runner = Runner(work.engine, work.progress, keeping.enter_context(keep))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
-from mqslam.config import Config
+from mqslam.config import Config, list_changes
 from mqslam.core.recording import LidarRecording
 from mqslam.core.sensors import RADAR
 from mqslam.core.trajectory import Trajectory
@@ -48,8 +48,12 @@ def prepare_lidar(
         why = "is a lidar's recording, with which only odometry and the frame of the lidar can be used"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
     track, unused = choose_odometry(recording, inputs.odometry, None)
-    idle = [f"sensor.{name}" for name in _OF_RADARS if getattr(settings.sensor, name) is not None]
-    if idle:
-        unused = [*unused, f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"]
     prepared = prepare(recording, track, unit_m)
-    return prepared, track, fit_to_lidar(settings, prepared.scans), unused
+    return prepared, track, fit_to_lidar(settings, prepared.scans), [*unused, *warn_of_idle(settings)]
+
+
+def warn_of_idle(settings: Config) -> list[str]:
+    """Returns a warning that names the settings given for a lidar's recording that only radars use; no warning for none."""
+    idle = [f"sensor.{name}" for name in _OF_RADARS if getattr(settings.sensor, name) is not None]
+    idle += [name for name, *_ in list_changes(Config(), settings) if name.startswith("detector.")]
+    return [f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"] if idle else []

@@ -132,14 +132,18 @@ def test_a_batch_runs_a_lidars_recording(rooms: tuple[Path, Trajectory], tmp_pat
     (tmp_path / "short.log").write_text("".join(short))
     (tmp_path / "runs.yaml").write_text(
         "runs:\n  - data: short.log\n"
-        "  - {data: short.log, name: wheels, frontend: odometry, set: {sensor.range_offset_m: 0.1}}\n"
+        "  - data: short.log\n    name: wheels\n    frontend: odometry\n"
+        "    set: {sensor.range_offset_m: 0.1, detector.threshold: 60}\n"
     )
     result = run_batch(tmp_path / "runs.yaml", tmp_path / "out")
     assert [run["failure"] for run in result.summary["runs"]] == [None, None]
-    idle = "the recording is a lidar's, on which settings of radars have no effect: sensor.range_offset_m"
+    none = "the recording is a lidar's, on which settings of radars have no effect: "
+    idle = f"{none}sensor.range_offset_m and detector.threshold"
     assert {run["name"]: idle in run["warnings"] for run in result.summary["runs"]} == {"short.log": False, "wheels": True}
     for name in ("short.log", "wheels"):
         assert len(read_tum(tmp_path / "out" / name / "trajectory.tum")) == 60
+    audited = mqslam.audit(tmp_path / "short.log", tmp_path / "audit", config={"detector": {"threshold": 60}})
+    assert audited.warnings == [f"{none}detector.threshold"]
 
 
 def test_an_open_lidars_log_takes_the_method_in_memory_to_the_trajectory_of_a_run(
