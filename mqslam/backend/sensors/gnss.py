@@ -20,6 +20,7 @@ from mqslam.backend.sensors.gnss_errors import (
     estimate_antenna,
     find_fix_delay,
     is_mirrored,
+    is_too_short,
     measure_fix_noise,
     measure_residual,
     measure_stretch,
@@ -48,6 +49,8 @@ SWAPPED: Final = "they fit if their latitudes and longitudes are swapped: swap t
 def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
     """Names the usual mistake, such as swapped coordinates, that explains why fixes do not fit; "" if there is none.
 
+    A drive that is too short to show a delay of stamps fits fixes of many other times, so that no such delay is named.
+
     Args:
         fixes: one or more fixes of the receiver.
         times: (F,) times of the fixes [s] since the recording's start, increasing.
@@ -72,13 +75,13 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
     positions = plane.project(fixes.latitudes, fixes.longitudes)
     otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # and mirrored
     found = []
-    for late_s in KNOWN_S:
+    for late_s in () if is_too_short(starts) else KNOWN_S:
         mistake = f"their stamps seem to be {describe_offset(late_s)}: add {-late_s:.0f} s to them"
         found.append((misfit(times - late_s, positions), mistake))
     if np.abs(fixes.longitudes).max() <= 90.0:
         swapped = TangentPlane(plane.longitude, plane.latitude).project(fixes.longitudes, fixes.latitudes)
         found.append((misfit(times, swapped), SWAPPED))
-    least, mistake = min(found)
+    least, mistake = min(found, default=(np.inf, ""))
     return mistake if least < _BETTER * min(otherwise) else ""
 
 
@@ -223,7 +226,8 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
         use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
     delay_s = find_fix_delay(times, positions, starts, chain)
     if fixes.own_clock and not delay_s:
-        return use.refuse("they have another clock than the radar, and the drive does not show the offset of the clocks")
+        drive = "the drive is too short to show" if is_too_short(starts) else "the drive does not show"
+        return use.refuse(f"they have another clock than the radar, and {drive} the offset of the clocks")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < FEWEST:

@@ -104,6 +104,11 @@ _FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
 _BETTER: Final = 0.5  # a delay is accepted if it reduces the differences to at most this share
 
 
+def is_too_short(starts: _Array) -> bool:
+    """Returns whether a drive with scans at times (N,) [s] is too short to show by how much the stamps of fixes are late."""
+    return int(np.count_nonzero(starts + _SPAN_S <= starts[-1])) < _FEWEST_DISTANCES
+
+
 def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array) -> float:
     """Finds by how much the stamps of fixes are late [s]; negative if they are early, 0 if the drive shows no delay.
 

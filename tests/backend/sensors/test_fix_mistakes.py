@@ -25,21 +25,21 @@ def true_poses() -> se2.Array:
     return se2.chain(np.array([v * TURN_S, 0.0, rate * TURN_S]) for v, rate in zip(speeds, rates, strict=True))
 
 
-def fixed(late_s: float) -> Fixes:
-    """Returns fixes of the drive, one a second, whose clock is late."""
-    rng, times = np.random.default_rng(1), np.arange(0.125, (SCANS - 2) * TURN_S, 1.0)
+def fixed(late_s: float, noise_m: float = 1.0, every_s: float = 1.0) -> Fixes:
+    """Returns fixes of the drive, by default one a second, whose clock is late."""
+    rng, times = np.random.default_rng(1), np.arange(0.125, (SCANS - 2) * TURN_S, every_s)
     poses = se2.interpolate(TURN_S * np.arange(SCANS), true_poses(), times)
-    positions = se2.transform(LIES, poses[:, :2]) + rng.normal(0.0, 1.0, (len(times), 2))
+    positions = se2.transform(LIES, poses[:, :2]) + rng.normal(0.0, noise_m, (len(times), 2))
     latitudes, longitudes = PLANE.locate(positions).T
     stamps = START_US + np.round(1e6 * (times + late_s)).astype(np.int64)
     return Fixes(stamps, latitudes, longitudes, np.full(len(times), np.nan), "gnss.csv")
 
 
-def joined(fixes: Fixes) -> FixUse:
+def joined(fixes: Fixes, scans: int = SCANS) -> FixUse:
     covariance = np.diag([1e-4, 1e-4, 1e-6])
     motions = [
         Measurement(TURN_S * k, TURN_S * (k + 1), se2.between(a, b), covariance, on_map=True)
-        for k, (a, b) in enumerate(pairwise(true_poses()))
+        for k, (a, b) in enumerate(pairwise(true_poses()[:scans]))
     ]
     return join_fixes(fixes, START_US, motions, np.zeros(2))
 
@@ -59,6 +59,13 @@ def test_a_clock_that_is_off_by_a_usual_time_is_named(late_s: float, said: str) 
     use = joined(fixed(late_s))
     assert use.mistake == f"their stamps seem to be {said}"
     assert use.edges is not None or use.statements[0].endswith(use.mistake)
+
+
+def test_a_drive_that_is_too_short_to_show_a_delay_names_none() -> None:
+    fixes = replace(fixed(18.0, noise_m=0.05, every_s=0.2), own_clock=True)
+    long, short = joined(fixes, 120), joined(fixes, 16)
+    assert long.mistake and "too short" not in long.statements[0]
+    assert short.mistake == "" and short.statements[0].endswith("the drive is too short to show the offset of the clocks")
 
 
 def test_latitudes_in_the_place_of_longitudes_are_named_and_turn_no_other_way() -> None:
