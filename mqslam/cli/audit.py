@@ -69,7 +69,11 @@ _OWN: Options = {
         "--baseline",
         metavar="OLD",
     ),
-    "mend": flag("Correct the trajectory by what was found, write it as mended.tum, and judge it, too.", "--mend"),
+    "mend": flag(
+        "Correct the trajectory by what was found, write it as mended.tum, and judge it, too. --fail-on still looks at the "
+        "verdict on the trajectory as it was given.",
+        "--mend",
+    ),
 }
 
 _LISTED = 3  # at most this many torn windows and this many torn revisits are printed, the worst first

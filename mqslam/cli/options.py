@@ -327,8 +327,7 @@ OPTIONS: Final[Options] = {
     "fail_on": option(
         str | None,
         None,
-        "Exit with 1 if the verdict is this or worse (even if --mend corrects the trajectory), and with 3 if "
-        "the map could not be judged.",
+        "Exit with 1 if the verdict is this or worse, and with 3 if the map could not be judged.",
         metavar="|".join(_FAIL_ON),
         callback=_check_fail_on,
         autocompletion=lambda incomplete: [word for word in _FAIL_ON if word.startswith(incomplete)],

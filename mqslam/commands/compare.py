@@ -123,7 +123,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             known_frontends.create(_KISS, Context.of(recording, settings))
         is_lidar = isinstance(recording, LidarRecording)
         known = recording.scans if isinstance(recording, LidarRecording) else make_scans(recording)
-        take_common_scans(given, known)  # raises, before scans are read, if the rows share too few scans
+        take_common_scans(given, known, recording.left_out)  # raises, before scans are read, if the rows share too few scans
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)

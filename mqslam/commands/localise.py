@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from mqslam.auditing.sizes import WINDOW
 from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
 from mqslam.commands.inputs import check_arguments, name_inputs
@@ -20,6 +21,7 @@ from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import PeakCounts
 from mqslam.core.velocity import Detected
+from mqslam.core.wording import explain_rest
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy, to_path
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -181,5 +183,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     except NotInMapError as error:
         assumed = f"the length of a range bin, {recording.range_resolution:g} m, is assumed: {Remedy.GIVE_RANGE_RESOLUTION}"
         hints = (assumed,) if recording.is_resolution_assumed else ()
+        if recording.left_out and len(recording) < WINDOW:
+            hints = (*hints, explain_rest(len(recording), recording.left_out))
         raise NotInMapError(f"{recording.path}: {error.message}", *error.remedies, *hints) from error
     return localised, detected.unread

@@ -22,7 +22,7 @@ from mqslam.core.point_map import PointMap, pick_thinned
 from mqslam.core.scans import Scans
 from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import count_of, is_or_are
+from mqslam.core.wording import count_of, explain_rest, is_or_are
 from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import SLACK_US, Evaluation, evaluate, measure_nees
 from mqslam.execution.progress import Progress
@@ -93,12 +93,13 @@ class JudgedRow:
         return self.row.trajectory
 
 
-def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
+def take_common_scans(rows: Sequence[Row], scans: Scans, left_out: int = 0) -> Scans:
     """Returns the scans that the trajectory of every row covers.
 
     Args:
         rows: rows of a comparison; rows without a trajectory are ignored.
         scans: scans of the recording.
+        left_out: number of scans that are left out because the sensor had hardly moved.
 
     Raises:
         EstimationError: these scans are fewer than the scans of one window.
@@ -107,7 +108,8 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < WINDOW:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few for a comparison"
-        raise EstimationError(f"{too_few}; give a recording of at least {WINDOW} scans")
+        remedy = explain_rest(len(scans), left_out) if left_out else f"give a recording of at least {WINDOW} scans"
+        raise EstimationError(f"{too_few}; {remedy}")
     if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(

@@ -56,6 +56,12 @@ def describe_left_out(dataset: Mapping[str, Any]) -> str:
     return f" ({left_out} more are left out, since the lidar had hardly moved)" if left_out else ""
 
 
+def explain_rest(used: int, left_out: int) -> str:
+    """Says how many scans of a lidar are left out beside those that are used, why, and what to do about it."""
+    left = f"{left_out} of {used + left_out} scans are left out, since the lidar had hardly moved"
+    return f"{left}: give a recording, or a stretch of it, in which it moves farther"
+
+
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:
     """Describes the uncertainty of a run's last pose in words.
 

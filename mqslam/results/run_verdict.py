@@ -10,13 +10,14 @@ import numpy as np
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.odometry_check import is_wrong_scale, measure_speed_ratio, name_unit
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.table import sort_tests
 from mqslam.auditing.verdict import Cause, Finding, Share, VerdictStatus
 from mqslam.backend.range_scale import NOT_OF_RADAR
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.wording import describe_times, join_words
+from mqslam.core.wording import describe_times, explain_rest, join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
 from mqslam.mapping.render import select_moving
@@ -81,6 +82,8 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
+    if recording.left_out and len(recording) < WINDOW:
+        warnings.append(explain_rest(len(recording), recording.left_out))
     warnings += _warn_of_gaps(recording.gaps(), recording.sensor_name)
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""

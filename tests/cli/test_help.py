@@ -128,3 +128,8 @@ def test_options_are_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     places = [shown.index(word) for word in [*order, "--jobs "]]
     assert places == sorted(places)
+
+
+def test_help_of_fail_on_names_no_option_that_a_command_lacks() -> None:
+    assert "--mend" in mqslam("audit", "--help").out
+    assert all("--mend" not in mqslam(command, "--help").out for command in ("batch", "run"))

@@ -133,6 +133,14 @@ def test_a_part_of_a_lidars_recording_is_solved_by_itself(tmp_path: Path) -> Non
     assert any("from 5 s to 17 s are used" in line for line in (result.folder / "run.log").read_text().splitlines())
 
 
+def test_a_stretch_at_rest_says_how_many_scans_are_left_out_and_what_to_do(tmp_path: Path) -> None:
+    write_carmen(tmp_path / "rooms.log", slower=200)
+    result = mqslam.run(tmp_path / "rooms.log", tmp_path / "out", end_s=4.0)
+    assert result.summary["dataset"]["revolutions"] == 2 and result.summary["dataset"]["duration_s"] == pytest.approx(4.0)
+    remedy = "since the lidar had hardly moved: give a recording, or a stretch of it, in which it moves farther"
+    assert f"18 of 20 scans are left out, {remedy}" in result.warnings
+
+
 def test_a_slow_robot_is_tracked_though_its_scans_move_seldom(tmp_path: Path) -> None:
     truth = write_carmen(tmp_path / "rooms.log", slower=8)
     mqslam.run(tmp_path / "rooms.log", tmp_path / "out", end_s=18.0)

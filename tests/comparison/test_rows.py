@@ -132,5 +132,8 @@ def test_only_what_every_trajectory_covers_is_compared(monkeypatch: pytest.Monke
     common = take_common_scans(rows, scans)
     assert 18 <= len(common) <= 22 and common[0].t0 >= scans[9].t0
     monkeypatch.setattr(judgement, "WINDOW", 30)
+    remedy = "20 of 24 scans are left out, since the lidar had hardly moved: give a recording, or a stretch of it, in which"
+    with pytest.raises(EstimationError, match=f"4 scans are too few for a comparison; {remedy}"):
+        take_common_scans(rows, scans[:4], left_out=20)
     with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(scans)} scans .*part covers"):
         take_common_scans(rows, scans)
