@@ -149,7 +149,14 @@ TRUTH = Trajectory(circle(40.0).stamps_us, se2.compose(np.array([500.0, 300.0, 1
 def write_run(
     folder: Path, summary: dict[str, Any] = RUN_SUMMARY, truth: Trajectory | None = TRUTH, notes: Any = (), **changed: Any
 ) -> list[str]:
-    recording: Any = SimpleNamespace(path=Path("/data/<run>"), ground_truth=truth, notes=notes, sensor_name="radar")
+    recording: Any = SimpleNamespace(
+        path=Path("/data/<run>"),
+        ground_truth=truth,
+        notes=notes,
+        sensor_name="radar",
+        left_out=0,
+        complete=lambda track: track,
+    )
     return write_run_page(folder, a_run(**changed), recording, summary)
 
 
