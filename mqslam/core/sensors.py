@@ -175,7 +175,8 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
 
     Returns:
         How late the stamps are [s], negative if early: the delay that makes the two spans overlap most, once it is removed.
-        None if even then they overlap by less than half of the shorter span.
+        None if even then they overlap by less than half of the shorter span, or if the delay is shorter than a span: long
+        stamps that begin a little after a short recording need not be late.
     """
 
     def share(late_s: float) -> float:
@@ -183,7 +184,8 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
         return (min(end, end_us) - max(begin, start_us)) / max(1, min(last_us - first_us, end_us - start_us))
 
     best = max(KNOWN_S, key=lambda late_s: (round(share(late_s), 2), -abs(first_us - 1e6 * late_s - start_us)))
-    return best if share(best) >= 0.5 else None
+    longest_us = max(last_us - first_us, end_us - start_us)
+    return best if share(best) >= 0.5 and 1e6 * abs(best) > longest_us else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,6 +87,10 @@ def test_fixes_of_another_drive_have_no_mistake() -> None:
     assert use.edges is None and use.mistake == ""
 
 
+def test_stamps_of_minutes_that_begin_after_a_recording_of_a_second_are_not_called_late() -> None:
+    assert find_offset(START_US + 5_000_000, START_US + 178_000_000, START_US, START_US + 1_500_000) is None
+
+
 @pytest.mark.parametrize("late_s", [18.0, -18.0, DAY_S, 1024 * WEEK_S, 7200.0])
 def test_the_offset_of_a_span_that_shares_no_time_is_found(late_s: float) -> None:
     first, last = START_US + round(1e6 * late_s), START_US + round(1e6 * (late_s + 10.0))
