@@ -137,13 +137,11 @@ class Design:
     Args:
         jacobians: (N, 3, A) derivatives of x [m], y [m] and yaw [rad] of each motion by the A parameters that act on it: the
             common parameters, and any biases at the knots before and after the motion (A = 7 for odometry).
-        columns: (N, A) numbers of these parameters among all parameters.
-        knots_s: (K - 1,) time from each of the K knots to the next one [s]; empty without a bias that walks.
+        columns: (N, A) indices of these parameters among all parameters.
     """
 
     jacobians: NDArray[np.float64]
     columns: NDArray[np.int64]
-    knots_s: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +168,10 @@ class Calibration:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT_ORIGIN) -> Design:
-    """Returns the derivatives of odometry's motions with respect to the parameters.
+def make_design(
+    motions: Sequence[Measurement], span: int, mount: se2.Array = AT_ORIGIN
+) -> tuple[Design, NDArray[np.float64]]:
+    """Returns the derivatives of odometry's motions by the parameters, and the times (K - 1,) between the K knots [s].
 
     Args:
         motions: two or more successive motions of the radar by odometry.
@@ -185,26 +185,23 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
     span = max(span, -(-len(motions) // _MOST_KNOTS))
     knots_s = np.add.reduceat(known.lasts, np.arange(0, len(motions), span))
     knots_s = np.maximum(knots_s, span * np.median(known.lasts))  # the last knot is past the end
-    return spread_bias(differentiate_motions(known.poses, known.lasts, mount), by_bias, span, knots_s)
+    return spread_bias(differentiate_motions(known.poses, known.lasts, mount), by_bias, span), knots_s
 
 
-def spread_bias(
-    by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int, knots_s: NDArray[np.float64]
-) -> Design:
+def spread_bias(by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int) -> Design:
     """Returns the design matrix of parameters that all motions share and of a bias that is interpolated between knots.
 
     Args:
         by_common: (N, 3, C) derivatives of the motions [m, m, rad] with respect to the shared parameters.
         by_bias: (N, 3) derivatives of the motions [m, m, rad] with respect to the bias [rad/s].
         span: number of motions from a knot to the next one.
-        knots_s: (K - 1,) time from each knot to the next one [s].
     """
     count, common = len(by_common), by_common.shape[2]
     at = (np.arange(count) + 0.5) / span
     left = at.astype(np.int64)
     sides = np.stack([by_bias * (left + 1 - at)[:, None], by_bias * (at - left)[:, None]], axis=2)
     columns = np.column_stack([np.tile(np.arange(common), (count, 1)), common + left, common + left + 1])
-    return Design(np.concatenate([by_common, sides], axis=2), columns, knots_s)
+    return Design(np.concatenate([by_common, sides], axis=2), columns)
 
 
 def make_walking_prior(
@@ -257,18 +254,20 @@ def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
     return se2.transform([0.0, 0.0, -mount[2]], vehicle[:, :2])
 
 
-def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: bool = False) -> NDArray[np.float64]:
+def make_prior_information(
+    knots_s: NDArray[np.float64], stated: OdometryConfig, *, mounted: bool = False
+) -> NDArray[np.float64]:
     """Returns the prior information matrix (P, P) of odometry's parameters, whose prior means are zero.
 
     Args:
-        design: design of the motions.
+        knots_s: (K - 1,) time from each knot of the bias to the next one [s].
         stated: the settings of odometry, which state its errors.
         mounted: whether the pose of the radar on the vehicle is known.
     """
     place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
     turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
     sigmas = [stated.sigma_travel, DELAY_S, place_m, place_m, turned, stated.sigma_yaw_rate]
-    return make_walking_prior(sigmas, design.knots_s, _ODOMETRY_BIAS_WALK)
+    return make_walking_prior(sigmas, knots_s, _ODOMETRY_BIAS_WALK)
 
 
 def fit(

@@ -136,7 +136,7 @@ def _predict(
     jacobians[:, 0, 1] = jacobians[:, 1, 2] = lasts
     squares = np.column_stack([np.einsum("kii->ki", spread), np.zeros(len(motions))])
     variances = np.nan_to_num(squares) * lasts[:, None] ** 2 + _LEAST
-    return poses, lasts, Design(jacobians, columns, np.empty(0)), variances
+    return poses, lasts, Design(jacobians, columns), variances
 
 
 def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:

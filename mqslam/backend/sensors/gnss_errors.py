@@ -277,7 +277,7 @@ def estimate_antenna(times: _Array, sensor: se2.Array, positions: _Array, noise:
     columns = [ahead, left, aside, aside * middle[:, None], moved, -np.diff(velocities, axis=0)]
     jacobians = np.zeros((len(lasts), 3, len(columns)))
     jacobians[:, :2] = np.stack(columns, axis=-1)
-    design = Design(jacobians, np.tile(np.arange(len(columns)), (len(lasts), 1)), np.empty(0))
+    design = Design(jacobians, np.tile(np.arange(len(columns)), (len(lasts), 1)))
     prior = np.diag(1.0 / np.square([MOUNT_M, MOUNT_M, _TURNED_RAD, _TURNED_RAD, _SCALED, DELAY_S]))
     measured = np.full((len(lasts), 3), 2.0 * noise.white_m**2)
     walked = np.repeat(noise.walk_m**2 * lasts[:, None], 3, axis=1)

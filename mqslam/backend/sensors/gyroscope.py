@@ -280,16 +280,14 @@ class Calibrated(NamedTuple):
     residuals: NDArray[np.float64]
 
 
-def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = slice(None)) -> Calibrated:
+def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns) -> Calibrated:
     """Calibrates a gyroscope by the front end's turns.
 
     Args:
         gyroscope: readings of the gyroscope.
         start: the gyroscope's axis and approximate delay.
         turns: turns of the motions that the front end measured.
-        some: slice of the motions that are used.
     """
-    turns = turns.take(some)
     sign, delay_s, turning = float(np.sign(start.correlation)) or 1.0, start.delay_s, start.turning
     lasts, axis = turns.ends - turns.begins, "xyz".index(start.axis)
 
@@ -306,7 +304,7 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
         by_common, by_bias = np.zeros((len(raw), 3, _COMMON)), np.zeros((len(raw), 3))
         by_common[:, 2], by_bias[:, 2] = np.nan_to_num(np.column_stack([raw, by_delay])), -lasts
         knots_s = np.full((2 * len(raw) - 1) // (2 * span) + 1, span * step_s)
-        design = spread_bias(by_common, by_bias, span, knots_s)
+        design = spread_bias(by_common, by_bias, span)
         prior = make_walking_prior([SIGMA_SCALE, LONGEST_DELAY_S, SIGMA_BIAS], knots_s, noise.walk, _LEAST)
         nothing = np.full((len(raw), 2), np.nan)
         measured, white = np.full((len(raw), 3), _LEAST), np.zeros((len(raw), 3))
@@ -464,7 +462,7 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
     if wild > MOST_WILD:
         return f"it contradicts the radar in {wild:.0%} of the motions"
     half = len(turns.yaws) // 2
-    first, second = (calibrate(gyroscope, start, turns, part).rotation for part in (slice(half), slice(half, None)))
+    first, second = (calibrate(gyroscope, start, turns.take(part)).rotation for part in (slice(half), slice(half, None)))
     sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
     apart_s = abs(second.delay_s - first.delay_s)
     if apart_s > max(TOLD_SIGMAS * sigma_s, DELAY_TOLERANCE_S):

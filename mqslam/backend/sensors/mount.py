@@ -92,7 +92,7 @@ def estimate_mount(
     pose = np.array([0.0, 0.0, np.arctan2(aside, np.sum((vehicle[:, :2] * seen[:, :2])[converged]))])
     for _ in range(_ROUNDS):  # motions are not linear in the mount, and a motion that does not fit loses weight
         carried = se2.compose(se2.compose(se2.inverse(pose), vehicle), pose)
-        design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)), np.empty(0))
+        design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)))
         usual = np.array([0.0, 0.0, *se2.inverse(pose)[:2], 0.0])  # mean of the prior of the parameters
         misses = seen - carried
         misses[:, 2] = 0.0  # both motions have the front end's yaw

@@ -217,8 +217,8 @@ def make_odometry_edges(
     if converged.sum() < FEWEST:
         own = np.sqrt(given.variances)
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
-    design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
-    prior = make_prior_information(design, stated, mounted=mount is not None)
+    design, knots_s = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
+    prior = make_prior_information(knots_s, stated, mounted=mount is not None)
     misses = se2.subtract(seen.poses, given.poses)
     misses[~converged] = np.nan
     variances, noise = seen.variances + _LEAST_VARIANCE, given.variances

@@ -159,7 +159,7 @@ def test_the_design_of_a_mounted_radar_is_the_derivative_of_its_motion() -> None
 
     here = motions(mount)
     stated = [Measurement(TURN_S * k, TURN_S * (k + 1), pose, np.eye(3)) for k, pose in enumerate(here)]
-    design = make_design(stated, 1, mount)
+    design, _ = make_design(stated, 1, mount)
     moved = [motions(se2.compose(mount, step * np.eye(3)[k])) for k in range(3)]
     by_common = [motions(mount, scale=step), *moved]
     for column, there in zip((0, 2, 3, 4), by_common, strict=True):

@@ -103,8 +103,8 @@ def test_errors_of_scans_that_cancel_along_the_drive_do_not_hide_its_length() ->
 
 def test_the_fit_is_that_of_dense_generalised_least_squares() -> None:
     random, count = np.random.default_rng(3), 40
-    design = make_design(stated(motions_of(drive())[:count]), 10)
-    prior = make_prior_information(design, STATED)
+    design, knots_s = make_design(stated(motions_of(drive())[:count]), 10)
+    prior = make_prior_information(knots_s, STATED)
     misses, measured_variances, noise = (random.uniform(1e-4, 1e-3, (count, 3)) for _ in range(3))
     misses[7] = np.nan
     found = fit(design, misses, measured_variances, noise, prior)
