@@ -33,7 +33,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.statistics import find_usual_scale
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
-from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceStatus, Registered, is_away, register
 from mqslam.mapping.keyframing import pick_spaced
@@ -155,7 +155,7 @@ class _LocalisedScans:
         on_map: (N,) whether the scan lies on the map.
     """
 
-    def __init__(self, count: int, progress: Progress = ignore_progress) -> None:
+    def __init__(self, count: int, progress: Progress) -> None:
         self._progress = progress
         self.poses = np.full((count, 3), np.nan)
         self.covariances = np.full((count, 3, 3), np.nan)
@@ -199,21 +199,13 @@ def localise(
     poses = se2.chain(motion.pose for motion in motions)
     setting = _Setting(TrackedRun.of(scans, poses), motions, made.keyframes, estimator, beam)
     table, rows, looked_up, ambiguous, conflicts = _LocalisedScans(len(scans), runner.progress), 0, 0, 0, 0
-    with runner.time_stage("recognise"):
-        wanted = np.ones(len(scans), dtype=np.bool_)
-        parts = _look_up(setting, made, runner.engine, wanted)
-        found = next(parts, None)
-    while found is not None:
-        found_rows, *counts = found
-        looked_up, ambiguous = looked_up + counts[0], ambiguous + counts[1]
+    for found_rows, submaps, ambiguous_submaps in _look_up(setting, made, table, runner):
+        looked_up, ambiguous = looked_up + submaps, ambiguous + ambiguous_submaps
         for row in found_rows:
             with runner.time_stage("follow"):
                 if _seed(setting, table, row):
                     rows += 1
                     conflicts += _follow_on(setting, table, row)
-        wanted[:] = ~table.tried
-        with runner.time_stage("recognise"):
-            found = next(parts, None)
     if not rows:
         raise NotInMapError(*_say_what_was_tried(setting.drive, made, looked_up, ambiguous))
     with runner.time_stage("surety"):
@@ -236,28 +228,31 @@ def localise(
 
 
 def _look_up(
-    setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
+    setting: _Setting, made: KeyframeMap, table: _LocalisedScans, runner: Runner
 ) -> Iterator[tuple[list[list[Loop]], int, int]]:
     """Recognises places of the map in a recording, block by block; a block is a few successive submaps of the recording.
 
     Yields for each block (1) the rows of recognised places, (2) the number of submaps that were not part of the block
     before, and (3) how many of these fit several places about equally well. The last submaps of a block are part of the
-    next block, too, so that a row across the border is found. A block is skipped if no scan of its new submaps is wanted.
+    next block, too, so that a row across the border is found. A block is skipped if the central scans of all its new
+    submaps were compared with the map already.
 
     Args:
         setting: the scans and the map.
         made: the map with its places.
-        engine: engine that compares the submaps; the result does not depend on it.
-        wanted: (N,) which scans were not registered on the map yet. The caller may change it between blocks.
+        table: the poses of the scans; the caller may add poses between blocks.
+        runner: does the work, and times it.
     """
-    places = describe_map(made, setting.beam, engine).places
-    database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
+    with runner.time_stage("recognise"):
+        places = describe_map(made, setting.beam, runner.engine).places
+        database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
     nodes = pick_spaced(setting.drive.travelled, PLACE_SPACING_M)
     for begin in range(0, len(nodes), _BLOCK - ROW + 1):
         part = nodes[begin : begin + _BLOCK]
         fresh = part if begin == 0 else part[ROW - 1 :]
-        if wanted[fresh].any():
-            found = recognise(setting.drive, part, database, None, setting.estimator, setting.beam, engine)
+        if not table.tried[fresh].all():
+            with runner.time_stage("recognise"):
+                found = recognise(setting.drive, part, database, None, setting.estimator, setting.beam, runner.engine)
             yield found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist()))
 
 
