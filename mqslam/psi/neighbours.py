@@ -228,18 +228,6 @@ def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> floa
     return float(np.sqrt(largest))
 
 
-@nb.njit(cache=True, nogil=True)
 def mark_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NDArray[np.bool_]:
     """Returns a mask (N,) of the queries (N, 2) [m] that have any point of a grid within a radius [m]."""
-    points, begins, corner, cell = grid.points, grid.begins, grid.corner, grid.cell
-    marked = np.zeros(len(queries), np.bool_)
-    for i in range(len(queries)):
-        x, y = queries[i, 0], queries[i, 1]
-        low, high = find_cell(y - radius - corner[1], cell), find_cell(y + radius - corner[1], cell)
-        left, right = find_cell(x - radius - corner[0], cell), find_cell(x + radius - corner[0], cell)
-        for column in range(left, min(right, len(begins) - 2) + 1):
-            k = find_first(grid.rows, begins[column], begins[column + 1], low)
-            while not marked[i] and k < begins[column + 1] and grid.rows[k] <= high:
-                marked[i] = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 < radius * radius
-                k += 1
-    return marked
+    return np.asarray(np.diff(list_near(grid, queries, radius).offsets) > 0)

@@ -280,7 +280,7 @@ class Matcher:
     def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
         """Returns a mask (N,) of a scan's points at a match that have a reference within the widest scale's reach."""
         points = self.place(scan, State(minimum.state)).points
-        return np.asarray(mark_near(into.references.grid, points, self.matching.s_start))
+        return mark_near(into.references.grid, points, self.matching.s_start)
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower, by more than chance, at a match than at every shift of the scan along a direction.
