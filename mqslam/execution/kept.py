@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -69,56 +70,53 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 
 def _pack_measured(measured: Measured) -> Arrays:
     """Converts measurements to arrays, one per field of `Measurement`, and the Doppler shift."""
-    arrays: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
-    for name in _list_fields(Measurement):
-        arrays[name] = np.array([getattr(motion, name) for motion in measured.measurements])
-    arrays["status"] = np.array([_STATUSES.index(motion.status) for motion in measured.measurements], dtype=np.uint8)
-    return arrays
+    doppler: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
+    statuses = np.array([_STATUSES.index(motion.status) for motion in measured.measurements], dtype=np.uint8)
+    return doppler | _stack(Measurement, measured.measurements) | {"status": statuses}
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
     """Restores measurements from the arrays of `_pack_measured`."""
-    names = _list_fields(Measurement)
-    columns = (arrays[name] if arrays[name].ndim > 1 else arrays[name].tolist() for name in names)
-    rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
-    motions = [Measurement(**row | {"status": _STATUSES[row["status"]]}) for row in rows]
+    statuses = np.array(_STATUSES, dtype=object)[arrays["status"]]
+    motions = _split(Measurement, arrays | {"status": statuses})
     return Measured(motions, *(float(arrays[name]) for name in _DOPPLER))
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
     """Converts the result of a search for loops to arrays: its counts, and the loops, one array per field."""
     counts: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
-    return counts | _stack_loops(search.loops)
+    return counts | _stack(Loop, search.loops)
 
 
 def _unpack_loops(arrays: Arrays) -> LoopSearch:
     """Restores the result of a search for loops from the arrays of `_pack_loops`."""
-    return LoopSearch(_split_loops(arrays), *(int(arrays[name]) for name in _COUNTS))
+    return LoopSearch(_split(Loop, arrays), *(int(arrays[name]) for name in _COUNTS))
 
 
 def _pack_refined(refined: Refined) -> Arrays:
     """Converts a refinement to arrays: the loops followed by the ties, the number of loops, psi, and `refused`."""
     psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
     own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
-    return own | _stack_loops([*refined.loops, *refined.ties])
+    return own | _stack(Loop, [*refined.loops, *refined.ties])
 
 
 def _unpack_refined(arrays: Arrays) -> Refined:
     """Restores a refinement from the arrays of `_pack_refined`."""
-    loops, staying = _split_loops(arrays), int(arrays["staying"])
+    loops, staying = _split(Loop, arrays), int(arrays["staying"])
     before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
     return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
 
 
-def _stack_loops(loops: Sequence[Loop]) -> Arrays:
-    """Converts loops to arrays, one per field of `Loop`."""
-    return {name: np.array([getattr(loop, name) for loop in loops]) for name in _list_fields(Loop)}
+def _stack(kind: type, results: Sequence[object]) -> Arrays:
+    """Converts results, all of one dataclass, to arrays: one per field, with one entry per result."""
+    return {name: np.array([getattr(result, name) for result in results]) for name in _list_fields(kind)}
 
 
-def _split_loops(arrays: Arrays) -> list[Loop]:
-    """Restores loops from the arrays of `_stack_loops`."""
-    rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
-    return [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
+def _split(kind: type[R], arrays: Arrays) -> list[R]:
+    """Restores results of a dataclass from the arrays of `_stack`."""
+    named = (arrays[name] for name in _list_fields(kind))
+    columns = (array if array.ndim > 1 else array.tolist() for array in named)
+    return [kind(*row) for row in zip(*columns, strict=True)]
 
 
 def _list_fields(kind: type) -> list[str]:
@@ -127,6 +125,6 @@ def _list_fields(kind: type) -> list[str]:
 
 
 MEASURED = Kept("measurements.npz", _pack_measured, _unpack_measured)
-ALONG = Kept("along.npz", _stack_loops, _split_loops)
+ALONG = Kept[list[Loop]]("along.npz", partial(_stack, Loop), partial(_split, Loop))
 LOOPS = Kept("loops.npz", _pack_loops, _unpack_loops)
 REFINED = Kept("refinement.npz", _pack_refined, _unpack_refined)
