@@ -99,11 +99,9 @@ def score(
     half = 0.5 * config.tau
     parameters = _Parameters(
         config.s,
-        ALPHA_S,
         config.beta_s,
         alpha_t,
         config.beta_t,
-        XI,
         latest=0.0 if config.temporal == "plateau" else np.inf,
         half=half,
         top=(config.tau if config.numerator == "tau" else half) / np.pi,
@@ -133,7 +131,7 @@ class _Parameters(NamedTuple):
     """The parameters of the score as the compiled functions take them.
 
     Args:
-        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in the equations [m, m, m, s, s, without unit].
+        s, beta_s, alpha_t, beta_t: as in the equations [m, m, s, s].
         latest: upper limit of (t - alpha_t)/beta_t: 0 if the temporal kernel is a plateau, else infinite.
         half: tau/2 [m].
         top: numerator of L, divided by pi [m].
@@ -141,11 +139,9 @@ class _Parameters(NamedTuple):
     """
 
     s: float
-    alpha_s: float
     beta_s: float
     alpha_t: float
     beta_t: float
-    xi: float
     latest: float
     half: float
     top: float
@@ -161,12 +157,12 @@ def _score(
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns the sum (N,) of S_ij^2 over j, the number (N,) of selected neighbours, and the gradient (P,) of psi."""
-    s, alpha_s, beta_s, alpha_t, beta_t, xi, latest, half, top, by_kappa = parameters
+    s, beta_s, alpha_t, beta_t, latest, half, top, by_kappa = parameters
     offsets, indices = lists.offsets, lists.indices
     n, with_gradient = len(points), jacobians.shape[2] > 0
     shares, counts = np.zeros(n), np.zeros(n, np.int64)
     pull = np.zeros((n, 2))  # derivative of the pair sum by the position of each point
-    limit = -np.log(xi)
+    limit = -np.log(XI)
     longest = find_longest(offsets)
     chosen = np.empty(longest, np.int64)
     distance = np.empty(longest)
@@ -180,7 +176,7 @@ def _score(
             dx, dy = x - points[j, 0], y - points[j, 1]
             d = np.sqrt(dx * dx + dy * dy)
             late = min((abs(t - times[j]) - alpha_t) / beta_t, latest)
-            off = (d - alpha_s) / beta_s
+            off = (d - ALPHA_S) / beta_s
             q = off * off + late * late
             chosen[count] = j
             distance[count] = d
@@ -206,7 +202,7 @@ def _score(
                 # slope: derivative of the share by the distance, divided by the distance; zero for coincident points
                 bend = -4.0 * cost * cost * apart * narrow
                 d_centre -= bend
-                d_weight = -2.0 * (distance[k] - alpha_s) / (beta_s * beta_s) * weight if by_kappa else 1.0
+                d_weight = -2.0 * (distance[k] - ALPHA_S) / (beta_s * beta_s) * weight if by_kappa else 1.0
                 slope = bend + 2.0 * cost * lorentz * d_weight
                 slope = slope / distance[k] if distance[k] > 0.0 else 0.0
                 sx, sy = slope * away[k, 0], slope * away[k, 1]
