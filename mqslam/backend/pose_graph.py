@@ -78,8 +78,7 @@ def build_pose_graph(
 
     Args:
         initial: (n, 3) starting values of the poses of scans, x [m], y [m], yaw [rad].
-        between: factors over keys X(0) .. X(n-1) of scans, M(0) .. M(m-1) of submaps and keys of other variables. The
-            starting values of other variables must be inserted into the graph's `initial` afterwards.
+        between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
         submaps: m starting values (3,) of the poses of submaps [m, m, rad].
         scale_sigma: standard deviation of the relative error that all measured distances have in common.
     """

@@ -89,11 +89,9 @@ class Problem(GraphProblem):
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        for edges in self.sensors.values():
-            factors += edges.list_factors(chain)
         graph = build_pose_graph(chain, factors, chain[self.submaps.first_scans], self.scale_sigma)
         for edges in self.sensors.values():
-            edges.insert_into(graph.initial)
+            edges.add_to(graph, chain)
         return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:

@@ -18,16 +18,16 @@ bias that walks faster than the calibration can follow shows over long spans, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array
 
+from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
@@ -75,15 +75,13 @@ _LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
 class SensorEdges(Protocol):
     """The factors and variables that a sensor adds to the pose graph."""
 
-    def list_factors(self, chain: se2.Array) -> Iterable[gtsam.NonlinearFactor]:
-        """Returns the sensor's factors.
+    def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
+        """Adds the sensor's factors to a graph, and the starting values of the sensor's own variables to its `initial`.
 
         Args:
+            graph: the graph of the N scans.
             chain: (N, 3) approximate poses of the scans [m, m, rad]; the error of each yaw must be less than pi.
         """
-
-    def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the starting values of the variables that the sensor adds to the graph."""
 
 
 E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)

@@ -9,15 +9,15 @@ measures it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
+from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.sensors.calibration import (
     FEWEST_MOTIONS,
     LARGEST_SCALE,
@@ -55,13 +55,10 @@ _LEAST: Final = 1e-12  # numerical: variance [m^2] that keeps a fit without nois
 class TravelEdges(dict[int, Measurement]):
     """Motions without information about their yaw. Each key is the number of the scan at which the motion starts."""
 
-    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields one factor for each motion."""
+    def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
+        """Adds one factor for each motion, and no variables."""
         for k, motion in self.items():
-            yield psi_between(X(k), X(k + 1), motion.pose, motion.covariance)
-
-    def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts nothing: the motions add no variables to the graph."""
+            graph.factors.push_back(psi_between(X(k), X(k + 1), motion.pose, motion.covariance))
 
 
 @dataclass(frozen=True, slots=True)

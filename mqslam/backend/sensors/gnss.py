@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -11,7 +11,7 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.pose_graph import pose_of, poses_of
+from mqslam.backend.pose_graph import PoseGraph, pose_of, poses_of
 from mqslam.backend.sensors.calibration import Use
 from mqslam.backend.sensors.gnss_errors import (
     Antenna,
@@ -128,17 +128,14 @@ class FixEdges:
     plane: TangentPlane
     origin: se2.Array
 
-    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factors between the tangent plane's poses e0 .. and scans, and between the plane's successive poses."""
+    def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
+        """Adds the tangent plane's poses e0 .., with factors between them and scans, and between successive ones."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
-            yield gnss_position(E(j), X(k), pose, self.noise.white_m)
+            graph.factors.push_back(gnss_position(E(j), X(k), pose, self.noise.white_m))
         for j, walk_m in enumerate(self.walks_m.tolist()):
-            yield plane_walk(E(j), E(j + 1), walk_m)
-
-    def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the starting values of the tangent plane's poses."""
+            graph.factors.push_back(plane_walk(E(j), E(j + 1), walk_m))
         for j in range(len(self.walks_m) + 1):
-            values.insert(E(j), gtsam.Pose2(*self.origin))
+            graph.initial.insert(E(j), gtsam.Pose2(*self.origin))
 
     def find_place(self, values: gtsam.Values) -> Georeference:
         """Returns where an optimised map lies on the Earth, by the mean pose of the tangent plane in the map."""

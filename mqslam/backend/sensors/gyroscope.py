@@ -15,7 +15,7 @@ subtracted, so that it is not taken for noise of the gyroscope.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -25,6 +25,7 @@ from gtsam.symbol_shorthand import C, X
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.sensors.calibration import (
     FEWEST_MOTIONS,
     LARGEST_SCALE,
@@ -353,24 +354,23 @@ class TurnEdges:
         """Number of turns that are known."""
         return int(np.isfinite(self.turns).sum())
 
-    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factors of the turns and of the walk of the bias, and the prior of bias and scale error.
+    def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
+        """Adds the variables c0 .. of bias and scale error, their prior, and the factors of their walk and of the turns.
 
         Args:
+            graph: the graph of the N + 1 scans.
             chain: (N + 1, 3) approximate poses of the scans [m, m, rad]; the error of each yaw must be less than pi.
         """
         for k in np.flatnonzero(np.isfinite(self.turns)).tolist():
             turn = GyroscopeTurn(float(self.turns[k]), float(self.lasts[k]), float(self.sigmas[k]))
-            yield gyroscope_turn(X(k), X(k + 1), C(int(self.knots[k])), turn, (chain[k, 2], chain[k + 1, 2]))
+            bias, yaws = C(int(self.knots[k])), (chain[k, 2], chain[k + 1, 2])
+            graph.factors.push_back(gyroscope_turn(X(k), X(k + 1), bias, turn, yaws))
         for j, walk in enumerate(self.walks.tolist()):
-            yield bias_walk(C(j), C(j + 1), max(walk, _LEAST_WALK), _CONSTANT)
+            graph.factors.push_back(bias_walk(C(j), C(j + 1), max(walk, _LEAST_WALK), _CONSTANT))
         sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([SIGMA_BIAS, SIGMA_SCALE]))
-        yield gtsam.PriorFactorVector(C(0), np.zeros(2), sigmas)
-
-    def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the starting values of the variables c0 .. of bias and scale error."""
+        graph.factors.push_back(gtsam.PriorFactorVector(C(0), np.zeros(2), sigmas))
         for j in range(len(self.walks) + 1):
-            values.insert(C(j), np.array([self.bias, self.scale_error]))
+            graph.initial.insert(C(j), np.array([self.bias, self.scale_error]))
 
 
 # A smaller delay of the clock [s] is corrected without a message to the user.
