@@ -90,7 +90,7 @@ class PredictionErrors:
     @property
     def is_young(self) -> bool:
         """Whether fewer than 16 errors are known, because the track has just begun or goes on after lost scans."""
-        return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
+        return len(self._errors) < YOUNG_SCANS
 
     def forget(self) -> None:
         """Forgets all errors, because a track begins or goes on after lost scans."""
