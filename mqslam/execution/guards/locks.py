@@ -36,9 +36,9 @@ class Lock:
         self.notes = tuple(os.fsdecode(found).splitlines()[1:])
         self._write(os.fsencode("\n".join((f"{_TITLE} {os.getpid()} on {socket.gethostname()}", *self.notes))) + b"\n")
 
-    def note(self, *lines: str) -> None:
-        """Adds lines to the file, for the next owner if this process is killed."""
-        os.write(self._handle, os.fsencode("".join(f"{line}\n" for line in lines)))
+    def note(self, line: str) -> None:
+        """Adds a line to the file, for the next owner if this process is killed."""
+        os.write(self._handle, os.fsencode(f"{line}\n"))
 
     def remove(self) -> None:
         """Removes the file of the lock."""
