@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # derivatives (3, d) of a vector (3,) by variables (d,), each after its key
+Derivative = tuple[tuple[int, _Array], ...]  # pairs: key of a variable (d,), derivatives (3, d) of a vector (3,) by it
 UNDETERMINED: Final = "the graph leaves a direction undetermined"  # reason why covariances cannot be computed
-# numerical: standard deviation of the random relative changes of numbers that reveal rounding errors
+# numerical: standard deviation of the random changes that reveal rounding errors, relative to the changed coefficient
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)
 
 
@@ -55,7 +55,7 @@ class Blocks(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Generator, digits: float) -> tuple[int, Blocks]:
+def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Generator, digits: float) -> Blocks:
     """Eliminates the variables of a linear system one after the other, until a variable is not determined.
 
     Args:
@@ -66,9 +66,9 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
         digits: standard deviation of this change, relative to each coefficient; zero changes nothing.
 
     Returns:
-        The number of eliminated variables, which is less than n if a variable is not determined; and one block of rows for
-        each of them. In this module's notation, the block holds R in the columns of the variable itself, and then T in the
-        columns of the variables x_s, in increasing order. The block has one row per component of the variable.
+        One block of rows for each eliminated variable; these are fewer than n if a variable is not determined. In this
+        module's notation, the block holds R in the columns of the variable itself, and then T in the columns of the
+        variables x_s, in increasing order. The block has one row per component of the variable.
     """
     count, blocks = len(widths), len(system.rows)
     pool = _make_room(system, count)
@@ -108,7 +108,7 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
         determined += 1
     variables, entries = given[: given_begins[determined]], triangles[: triangle_begins[determined]]
     begins, firsts = given_begins[: determined + 1], triangle_begins[: determined + 1]
-    return determined, Blocks(variables, begins, widths[:determined], entries, firsts)
+    return Blocks(variables, begins, widths[:determined], entries, firsts)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -337,8 +337,8 @@ class Elimination:
         self._noise = noise
         digits = 0.0 if noise is None else _LAST_DIGITS
         system = _list_blocks(linear, self._numbers)
-        determined, done = eliminate(np.array(self._widths), system, noise or np.random.default_rng(0), digits)
-        if determined < len(keys):
+        done = eliminate(np.array(self._widths), system, noise or np.random.default_rng(0), digits)
+        if len(done.rows) < len(keys):
             raise EstimationError(UNDETERMINED)
         self._conditionals = list[_Conditional]()
         for k, width in enumerate(done.rows.tolist()):
