@@ -113,9 +113,9 @@ class Problem(GraphProblem):
     def list_statements(self) -> list[Measurement]:
         """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        If a factor starts or ends at a submap, its motion starts or ends at the submap's first scan. Its `apart` is NaN, and
-        the fields besides times, pose and covariance are those of the front end's motion that ends at the same scan (at the
-        drive's first scan, of the first motion).
+        If a factor starts or ends at a submap, its motion starts or ends at the submap's first scan. Its `apart` is NaN. The
+        fields besides times, pose and covariance are those of the front end's motion that ends at the same scan. No motion
+        ends at the drive's first scan: there, the fields are those of the first motion.
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()

@@ -141,7 +141,7 @@ def compute_chi_square(one: Relative, other: Relative) -> float:
 
 
 def as_relative(loop: Loop) -> Relative:
-    """Converts a loop to a relative pose; adds the error of submaps that a wrong trajectory bends to the covariance."""
+    """Converts a loop to a relative pose, whose covariance includes the error of submaps that a wrong trajectory bends."""
     return Relative(loop.pose, add_bend(loop.covariance))
 
 

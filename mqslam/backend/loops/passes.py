@@ -27,7 +27,7 @@ SUBMAP_M = 15.0
 # Length of the later pass's submap as a share of the earlier pass's, so that the later one lies within the earlier one.
 LATER_SHARE = 0.5
 _REACHES_M: Final = (SUBMAP_M, LATER_SHARE * SUBMAP_M)  # path to either side of the earlier and of the later submap [m]
-# Points of a submap within this distance show the surface on which a point lies [m, in the recording's unit].
+# Points of a lidar's submap within this distance of a point show the surface on which it lies [m, in the recording's unit].
 _AROUND_M = 1.0
 # Multiple of the spread along a surface that is added to a point's covariance.
 _WIDENED = 30.0

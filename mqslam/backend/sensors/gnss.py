@@ -129,7 +129,7 @@ class FixEdges:
     origin: se2.Array
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds the tangent plane's poses e0 .., with factors between them and scans, and between successive ones."""
+        """Adds the tangent plane's poses e0 .., with factors between these poses and scans, and between successive ones."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             graph.factors.push_back(gnss_position(E(j), X(k), pose, self.noise.white_m))
         for j, walk_m in enumerate(self.walks_m.tolist()):

@@ -249,11 +249,11 @@ class Rotation(NamedTuple):
     Args:
         axis: name of the gyroscope's axis that is the radar's vertical: `x`, `y` or `z`.
         sign: -1 if the gyroscope turns the other way about this axis than the radar, else 1.
-        scale: angle that the radar turns per angle that the gyroscope measures about this axis, after the sign [1].
+        scale: angle that the radar turns, divided by `sign` times the angle that the gyroscope measures about the axis [1].
         scale_sigma: standard deviation of the scale [1].
         delay_s: how late the gyroscope's clock is [s].
         delay_sigma_s: standard deviation of the delay [s].
-        bias: mean bias of the rate after the sign [rad/s].
+        bias: mean bias of the rate that is corrected by sign and scale [rad/s].
         noise: noise of the rate.
     """
 

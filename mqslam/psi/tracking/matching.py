@@ -115,7 +115,7 @@ class Matcher:
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) [m, m, rad] in which a scan can shift at its start without psi observing it.
 
-        K is 0 where psi observes every direction. The rows are scaled by their information, and are not of unit length.
+        K is 0 where psi observes every direction. Gauss-Newton's information along each direction is 1, not its length.
 
         At the widest scale, dense traffic can make a direction seem unobserved, although the scan shows it at the final
         scale. Shifts of the scan along such a direction are therefore scored at the final scale. If psi is clearly lower at
