@@ -183,7 +183,7 @@ def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.flo
 def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
     """Describes in a sentence where the radar sits according to odometry, from `pose` and `sigmas` as in `MountUse`."""
     if np.isnan(pose).all():
-        return "odometry does not show where the radar sits: the vehicle drives too little where psi finds motions"
+        return "odometry does not show where the radar sits: the vehicle drives too little where the front end finds motions"
     if np.isnan(pose[0]):
         turned = _describe_pose(pose, sigmas)
         return f"odometry says that the radar is {turned}; the drive turns too little to show the radar's position"
