@@ -72,13 +72,14 @@ class Localised:
         covariances: (N, 3, 3) covariances of these poses relative to the map nearby, each in its pose's frame [m, m, rad].
         statuses: (N,) how far each pose can be trusted.
         psi: (N,) score per return on the map; NaN for scans that do not lie on the map.
-        matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.
+        matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it, and for scans
+            beyond the last one, in the direction of tracking, that lies on it.
         rows: number of rows of recognised places from which scans were tracked.
         looked_up: number of submaps of the recording that were compared with the places of the map.
         ambiguous: number of these submaps that fit several places of the map about equally well.
         scale: (3,) factors on the variances of x, y and yaw from psi's curvature, measured in this recording; the usual
             factor with fewer than `FEWEST_PAIRS` pairs.
-        samples: number of pairs of scans from which these factors were measured.
+        samples: number of pairs of scans that were compared to measure these factors.
         conflicts: number of times that tracking reached a scan that was tracked from the other side to a conflicting pose.
     """
 

@@ -195,7 +195,7 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
-        weights: (N,) weights of the rows, their numbers of matches.
+        weights: (N,) weight of each row: the number of its matches.
 
     Returns:
         The sorted indices (M,) of the rows of the grown set with the largest sum of weights.

@@ -166,7 +166,7 @@ def expand_rigidly(
 ) -> Expansion:
     """Expands the score of a submap around a pose, up to second order.
 
-    The letters mean the same as in `score.weigh_offsets`.
+    The letters mean the same as in `score.weigh_offsets`, but h is not made symmetric for each point: the sum is.
 
     Args:
         own: (N, 2) m, the submap's points in the submap's frame.

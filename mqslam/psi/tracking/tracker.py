@@ -338,7 +338,7 @@ class Tracker:
         return minimum if self._is_out_of_place(found) else found
 
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
-        """Returns the motion of the first scans by odometry's twist (3,); None if the tracker does not follow odometry."""
+        """Returns odometry's twist (3,) as a motion that was found; None if there is none or the tracker is not guided."""
         if not self.is_guided or twist is None:
             return None
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
