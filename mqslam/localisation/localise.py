@@ -400,7 +400,7 @@ def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, am
     if 2 * ambiguous > looked_up:
         fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about equally well"
         return f"several places of this map fit, and nothing shows which place is the right one ({fit})", _LONGER
-    fits = f"; {ambiguous} of them fit several places about equally well" if ambiguous else ""
+    fits = f"; {ambiguous} of the submaps fit several places about equally well" if ambiguous else ""
     remedy = _LARGER_MAP if len(made.places.keyframes) < 2 * ROW else _OTHER_MAP  # few places hardly ever form a row
     return (
         f"not in this map: no row of places was recognised and confirmed by its scans ({looked_up} {along}, {places}{fits})",

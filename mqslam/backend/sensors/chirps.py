@@ -110,7 +110,8 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
     edges = _make_edges(motions, poses + found.correct(design), factor * variances + common)
     statements = [f"the velocities by chirps are used, {len(edges)} of them"]
     if abs(scale - 1.0) > max(TOLD_SIGMAS * sigma, SCALE_TOLERANCE):
-        statements.append(f"the velocities by chirps are {1.0 / scale - 1.0:+z.1%} too large, which is put right")
+        amount = f"{abs(1.0 / scale - 1.0):.1%} too {'small' if scale > 1.0 else 'large'}"
+        statements.append(f"the velocities by chirps are {amount}, which is put right")
     return VelocityUse(SOURCE, tuple(statements), edges, scale, sigma, bias)
 
 

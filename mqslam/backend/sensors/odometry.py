@@ -42,7 +42,8 @@ _MEANINGS: Final = {
     -1.0: "it turns the other way than the {sensor}: change the sign of its yaw{or_mirror}",
     np.pi / 180.0: "its turns agree with the {sensor}'s if they are in degrees: convert its yaw rates to rad/s",
     -np.pi / 180.0: (
-        "its turns agree with the {sensor}'s if they are mirrored and in degrees: convert its yaw rates to rad/s"
+        "its turns agree with the {sensor}'s if they are mirrored and in degrees: convert its yaw rates to rad/s and change "
+        "their sign"
     ),
 }
 _OR_MIRROR: Final = {RADAR: ", or set sensor.clockwise: false if the radar is mirrored"}  # no setting mirrors a lidar

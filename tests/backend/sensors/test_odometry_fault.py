@@ -45,7 +45,7 @@ def test_odometry_that_turns_as_the_radar_does_is_used(scale: float) -> None:
     [
         (-1.0, "the other way than the radar: change the sign of its yaw, or set sensor.clockwise: false", True),
         (180.0 / np.pi, "its turns agree with the radar's if they are in degrees", False),
-        (-180.0 / np.pi, "its turns agree with the radar's if they are mirrored and in degrees", True),
+        (-180.0 / np.pi, "mirrored and in degrees: convert its yaw rates to rad/s and change their sign", True),
         (0.0, "little in common", False),
     ],
     ids=["mirrored", "degrees", "mirrored degrees", "w first"],
