@@ -74,7 +74,7 @@ class Tracked:
             without a match, and zero but for rounding if a map begins with the scan.
         unseen: (3, 3) covariance to add to `covariance` where psi does not observe a direction, where there is no match, or
             where a map begins with a scan whose twist is uncertain.
-        evaluation: psi of the scan in `state`; empty if a new map begins with the scan.
+        evaluation: psi of the scan in `state`, or at the rejected match of a lost scan; empty if a new map begins with it.
         status: how far the state can be trusted; `LOST` also for a scan that begins a map after a gap or lost scans.
         begins_map: whether a new map begins with this scan.
         arrival: (3, 3) covariance that a gap or lost scans before the scan add to its start pose; None if there are none.
@@ -218,7 +218,7 @@ class Tracker:
         if self.is_guided and self._is_out_of_place(minimum):
             minimum = self._look_around(scan, minimum)
         if self._is_out_of_place(minimum):
-            return self._miss(scan, begin, minimum)
+            return self._miss(scan, begin, minimum.evaluation)
         weak, blind = matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
             # psi did not measure the components of the motion that odometry gave: odometry itself states their uncertainty
@@ -264,7 +264,7 @@ class Tracker:
             distance = float(np.hypot(*(tracked.pose - before)[:2]))
             return replace(tracked, arrival=np.diag([(_SIGMA_SCALE * distance) ** 2] * 2 + [0.0]))
         if after is None:
-            return self._miss(scan, bridged, minimum)
+            return self._miss(scan, bridged, minimum.evaluation)
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
 
     def remeasure(self, scans: Sequence[Scan], tracked: Sequence[Tracked]) -> list[Tracked]:
@@ -389,15 +389,14 @@ class Tracker:
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Returns the prediction as the result of a scan with too few returns or before the track; it counts as lost."""
-        unmatched = self._matcher.evaluate(scan, predicted.mean, self._map)
-        passed = self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
+        passed = self._miss(scan, predicted, self._matcher.evaluate(scan, predicted.mean, self._map))
         return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
-    def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
-        """Returns the prediction, without accelerations, as the result of a lost scan: one that does not match the map."""
+    def _miss(self, scan: Scan, predicted: Belief, evaluation: PsiEvaluation) -> Tracked:
+        """Returns the prediction, without accelerations, as the result of a lost scan, whose best match has this psi."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self.is_guided else 0.0)
-        return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
+        return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, evaluation, Status.LOST)
 
     def _is_doubtful(self, minimum: Minimum) -> bool:
         """Returns whether psi at a match is so much higher than usual that a better match is searched for."""
