@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from mqslam.core.engine import Engine, ignore_result, ignore_start
@@ -132,28 +132,21 @@ class DaskEngine:
         """Calls the function as `Engine.map` does."""
         size = choose_group_size(len(items), self._count_workers())
         groups = [items[begin : begin + size] for begin in range(0, len(items), size)]
-        results: list[R] = []
-
-        def take_apart(number: int, group: tuple[list[R], Exception | None]) -> None:
-            for result in group[0]:
-                results.append(result)
-                done(len(results), result)
-            if group[1] is not None:
-                raise group[1]
-
-        self._collect(partial(_call_each, function), shared, groups, take_apart, may_die=False)
-        return results
+        return self._collect(function, shared, groups, done, may_die=False)
 
     @contextmanager
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R]]:
         """Starts a call on a worker, as `Engine.start` does."""
-        (future,) = self._send(function, shared, [item])
+        (future,) = self._send(function, shared, [[item]])
 
         def wait() -> R:
             try:
-                result: R = self._wait_for(future)
+                results, error = self._wait_for(future)
             except (FutureCancelledError, KilledWorker):  # the worker is gone; `map` sends the task again
-                result = self.map(function, shared, [item])[0]
+                results, error = self.map(function, shared, [item]), None
+            if error is not None:
+                raise error
+            result: R = results[0]
             return result
 
         try:
@@ -175,7 +168,7 @@ class DaskEngine:
         self._client.subscribe_topic(topic, lambda event: started(event[1]))  # an event is (time, number of the item)
         try:
             announced = partial(_announce_and_call, topic, function)
-            return self._collect(announced, shared, list(enumerate(items)), done, may_die=True)
+            return self._collect(announced, shared, [[numbered] for numbered in enumerate(items)], done, may_die=True)
         finally:
             if not self._lost:
                 self._client.unsubscribe_topic(topic)
@@ -184,58 +177,62 @@ class DaskEngine:
         self,
         function: Callable[[S, T], Any],
         shared: S,
-        items: Sequence[T],
+        groups: Sequence[Sequence[T]],
         done: Callable[[int, Any], None],
         *,
         may_die: bool,
     ) -> list[Any]:
-        """Calls the function for each item and returns the results; tasks are sent again if all workers with `shared` die.
+        """Calls the function for each item and returns the results; a task calls it for each item of a group.
 
-        The result of a task that has killed its workers is None if `may_die` is set.
+        Tasks are sent again if all workers with `shared` die. If `may_die` is set, each group holds a single item, and the
+        result of a task that has killed its workers is None.
 
         Raises:
             ClusterError: the cluster is lost, or a task has killed its workers and `may_die` is not set.
         """
         results: list[Any] = []
-        losses = 0
-        while len(results) < len(items):
-            futures = self._send(function, shared, items[len(results) :])
+        finished, losses = 0, 0
+        while finished < len(groups):
+            futures = self._send(function, shared, groups[finished:])
             try:
                 for future in futures:
                     try:
-                        result = self._wait_for(future)
-                    except KilledWorker as error:
+                        made, error = self._wait_for(future)
+                    except KilledWorker as killed:
                         if not may_die:
                             remedy = "give each worker more memory"
-                            raise ClusterError(f"{self._address}: a task killed its workers", remedy) from error
-                        result = None
-                    losses = 0
-                    results.append(result)
-                    done(len(results), result)
-            except FutureCancelledError as error:
+                            raise ClusterError(f"{self._address}: a task killed its workers", remedy) from killed
+                        made, error = [None], None
+                    finished, losses = finished + 1, 0
+                    for result in made:
+                        results.append(result)
+                        done(len(results), result)
+                    if error is not None:
+                        raise error
+            except FutureCancelledError as lost:
                 losses += 1
                 if losses > _LOSSES:
-                    raise self._describe_loss(None) from error
+                    raise self._describe_loss(None) from lost
             finally:
                 if not self._lost:
                     self._client.cancel(futures)
         return results
 
-    def _send(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """Sends one task per item and returns their futures; a large shared argument is sent to every worker beforehand."""
+    def _send(self, function: Callable[[S, T], Any], shared: S, groups: Sequence[Sequence[T]]) -> list[Future]:
+        """Sends one task per group and returns their futures; a large shared argument is sent to every worker beforehand."""
         if len(pickle.dumps(shared)) < _SMALL:
-            alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
+            alone: list[Future] = self._client.map(partial(_call_each, function, shared), groups, pure=False)
             return alone
         try:
             self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
             copies = self._client.scatter([shared], broadcast=True, hash=False)
         except (OSError, FutureCancelledError) as error:
             raise self._describe_loss(error) from error
-        futures: list[Future] = self._client.map(partial(_attempt, function), copies * len(items), items, pure=False)
+        futures: list[Future] = self._client.map(partial(_call_each, function), copies * len(groups), groups, pure=False)
         return futures
 
-    def _wait_for(self, future: Future) -> Any:
-        """Waits for a task's result and returns it.
+    def _wait_for(self, future: Future) -> tuple[list[Any], Exception | None]:
+        """Waits for a task, and returns what `_call_each` has returned there.
 
         Raises:
             ClusterError: no worker is left that could do the task, or the connection to the scheduler is lost.
@@ -243,7 +240,7 @@ class DaskEngine:
         unmanned = 0
         while unmanned < 2:
             try:
-                result, error = future.result(timeout=_LOOK_S)
+                answer: tuple[list[Any], Exception | None] = future.result(timeout=_LOOK_S)
             except TimeoutError:
                 unmanned = 0 if self._count_workers() else unmanned + 1
                 continue
@@ -253,9 +250,7 @@ class DaskEngine:
                 if self._lost or lost.reason == "scheduler-connection-lost":
                     raise self._describe_loss(lost) from lost
                 raise
-            if error is not None:
-                raise error
-            return result
+            return answer
         raise self._describe_loss(None)
 
     def _count_workers(self) -> int:
@@ -290,13 +285,17 @@ def choose_group_size(items: int, workers: int) -> int:
 
 
 def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
-    """Returns function(shared, item) for the items before the first that fails, and the error; None if no item fails."""
+    """Returns function(shared, item) for the items before the first that fails, and the error; None if no item fails.
+
+    Since the error is returned, a future raises no errors but those of the cluster.
+    """
     results: list[R] = []
-    for item in items:
-        result, error = _attempt(function, shared, item)
-        if error is not None:
-            return results, error
-        results.append(cast(R, result))
+    try:
+        for item in items:
+            results.append(function(shared, item))
+    except Exception as error:
+        raise_interrupt(error)
+        return results, error
     return results, None
 
 
@@ -305,12 +304,3 @@ def _announce_and_call(topic: str, function: Callable[[S, T], R], shared: S, num
     number, item = numbered
     get_worker().log_event(topic, number)
     return function(shared, item)
-
-
-def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """Returns (result, None) or (None, error) of a call, so that a future raises no errors but those of the cluster."""
-    try:
-        return function(shared, item), None
-    except Exception as error:
-        raise_interrupt(error)
-        return None, error
