@@ -131,22 +131,9 @@ _SHARED: Final = 2.0  # factor on a scan's covariance, since the returns of the 
 
 _log = logging.getLogger(__name__)
 
-
-@dataclass(frozen=True, slots=True)
-class _Setting:
-    """The data and settings with which the scans of a crossing are registered.
-
-    Args:
-        drive: scans under the trajectory so far.
-        own: (N, 3, 3) covariance of each scan's own pose error, without drift, in the scan's frame [m, m, rad].
-        estimator: settings of the score.
-        beam: the sensor's errors.
-    """
-
-    drive: TrackedRun
-    own: NDArray[np.float64]
-    estimator: EstimatorConfig
-    beam: Beam
+# scans under the trajectory so far; covariance (N, 3, 3) of each scan's own pose error, without drift, in the scan's frame
+# [m, m, rad]; settings of the score; the sensor's errors
+_Shared = tuple[TrackedRun, NDArray[np.float64], EstimatorConfig, Beam]
 
 
 def refine(
@@ -188,7 +175,7 @@ def refine(
     variances = problem.estimate_own_covariances() if rounds else np.empty((0, 3, 3))
     for number in range(rounds):
         crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m), drive, loops, apart_m)
-        measured = engine.map(measure_crossing, _Setting(drive, variances, estimator, beam), crossings)
+        measured = engine.map(measure_crossing, (drive, variances, estimator, beam), crossings)
         ties = list(chain.from_iterable(runner.follow("refine", measured, len(crossings))))
         if not ties:
             break
@@ -242,27 +229,28 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
     return [loop for loop, near in zip(loops, away <= SUBMAP_M, strict=True) if not near]
 
 
-def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
+def measure_crossing(shared: _Shared, crossing: Crossing) -> list[Loop]:
     """Registers the scans of a crossing's later pass on the earlier passes; returns a tie for each scan that fits well."""
-    drive, beam = setting.drive, setting.beam
+    drive, _, _, beam = shared
     references = make_references(render_scans(drive, crossing.earlier, beam))
     tree = cKDTree(drive.poses[crossing.earlier, :2])
     ties = []
     for later in crossing.later:
         _, nearest = tree.query(drive.poses[later, :2])
-        tie = _measure_scan(setting, references, int(crossing.earlier[nearest]), int(later))
+        tie = _measure_scan(shared, references, int(crossing.earlier[nearest]), int(later))
         if tie is not None:
             ties.append(tie)
     return ties
 
 
-def _measure_scan(setting: _Setting, references: References, anchor: int, later: int) -> Loop | None:
+def _measure_scan(shared: _Shared, references: References, anchor: int, later: int) -> Loop | None:
     """Registers a scan among the references; returns a tie to the scan `anchor`, or None if the scan does not fit well.
 
     The references are returns of earlier passes, and `anchor` and `later` are the numbers of the earlier and the later scan.
     """
-    drive, estimator, guess = setting.drive, setting.estimator, setting.drive.poses[later]
-    scan = move_rigidly(render_scans(drive, [later], setting.beam), se2.inverse(guess))
+    drive, own, estimator, beam = shared
+    guess = drive.poses[later]
+    scan = move_rigidly(render_scans(drive, [later], beam), se2.inverse(guess))
     if len(scan) == 0:
         return None
 
@@ -283,7 +271,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
         anchor,
         later,
         pose,
-        in_anchor + lever @ setting.own[anchor] @ lever.T,
+        in_anchor + lever @ own[anchor] @ lever.T,
         matched,
         minimum.evaluation.psi / len(scan),
     )
