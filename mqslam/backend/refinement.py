@@ -255,7 +255,7 @@ def _measure_scan(shared: _Shared, references: References, anchor: int, later: i
         return None
 
     minimum = minimise_rigidly(guess, scan, references, estimator, _FIRST_STEP)
-    moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
+    moved, matched = se2.between(guess, minimum.state), minimum.evaluation.overlap
     is_near = np.hypot(moved[0], moved[1]) <= _ASIDE_M
     if not (minimum.converged and is_near and matched >= passes.MATCHED):
         return None

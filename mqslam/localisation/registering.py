@@ -127,7 +127,7 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
     frame, references = found
     guess = se2.between(frame, prediction.pose)
     minimum = minimise_rigidly(guess, scan, references, config, _FIRST_STEP)
-    matched = float(minimum.evaluation.matched.mean())
+    matched = minimum.evaluation.overlap
     if matched < _MATCHED or is_away(se2.wrapped_between(guess, minimum.state), prediction):
         return expected._replace(matched=matched)
     points = move_rigidly(scan, minimum.state)
