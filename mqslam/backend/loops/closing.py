@@ -30,7 +30,7 @@ from mqslam.backend.loops.chain import (
     compute_layouts,
     keep_consistent,
 )
-from mqslam.backend.loops.free_space import Beams, place_along
+from mqslam.backend.loops.free_space import Beams, contradicts, place_along
 from mqslam.backend.loops.passes import (
     LATER_SHARE,
     MATCHED,
@@ -41,7 +41,14 @@ from mqslam.backend.loops.passes import (
     render_passes,
 )
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, describe_places, recognise
-from mqslam.backend.loops.registration import align_near, align_passes, is_unrivalled, score_at_pose
+from mqslam.backend.loops.registration import (
+    align_near,
+    align_passes,
+    find_least_shown,
+    is_unrivalled,
+    score_at_pose,
+)
+from mqslam.backend.loops.rigid import move_rigidly
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -51,7 +58,7 @@ from mqslam.core.scans import Scans
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.psi.place import Beam
+from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.score import make_references
 
 # Largest distance [m] between two passes at which they still see the same objects.
@@ -271,6 +278,12 @@ def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate)
         return CandidateScore()
     if not is_unrivalled(found, MATCHED):
         return CandidateScore(ambiguous=True)
+    if is_lidar and found.along is None and np.cos(found.pose[2]) < 0.0:
+        along = find_least_shown(move_rigidly(submaps[1], found.pose))
+        reach_m = min(_find_reach(chain, along), LATER_SHARE * SUBMAP_M)
+        beams, expected_m = _find_beams(drive, candidate[:2], submaps), float((chain.motion - found.pose)[:2] @ along)
+        if contradicts(*beams, found.pose, along, (expected_m - reach_m, expected_m + reach_m)):
+            return CandidateScore(ambiguous=True)
     loop = Loop(earlier, later, found.pose, layout.widen(found.pose, found.covariance), found.matched, found.psi)
     is_plausible = compute_chi_square(chain, as_relative(loop)) <= LARGEST_CHI_SQUARE
     return CandidateScore(loop, along=found.along) if is_plausible else CandidateScore(implausible=True)
@@ -290,7 +303,7 @@ def _place_openly(
         too uncertain, the loop has the pose with the lowest psi near the trajectory's place, if the trajectory allows it.
     """
     (drive, estimator, beam), (loop, along, chain) = shared, openly
-    reach_m = max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
+    reach_m = _find_reach(chain, along)
     if reach_m > LATER_SHARE * SUBMAP_M:
         return loop, False
     earlier, later = render_passes((drive, loop.earlier), (drive, loop.later), beam)
@@ -299,10 +312,20 @@ def _place_openly(
         return loop, False
     near, expected_m = replace(loop, pose=pose), float((chain.motion - pose)[:2] @ along)
     reach = expected_m - reach_m, expected_m + reach_m
-    origins = passes.find_origins(drive, loop.earlier, loop.later)
-    beams = Beams(origins[0], earlier.points), Beams(origins[1], later.points)
+    beams = _find_beams(drive, (loop.earlier, loop.later), (earlier, later))
     placed = place_along(near, along, reach, *beams, estimator.cluster_m)
     return (near, False) if placed is None else (placed, True)
+
+
+def _find_reach(chain: Relative, along: NDArray[np.float64]) -> float:
+    """Returns how far [m] along a direction (2,) the later pass may lie from where the trajectory has it."""
+    return max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
+
+
+def _find_beams(drive: Passes, scans: tuple[int, int], submaps: tuple[PointSet, PointSet]) -> tuple[Beams, Beams]:
+    """Returns the beams of the submaps around an earlier and a later scan."""
+    first, second = passes.find_origins(drive, *scans)
+    return Beams(first, submaps[0].points), Beams(second, submaps[1].points)
 
 
 def confirm_by_map(

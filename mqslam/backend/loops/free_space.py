@@ -116,13 +116,7 @@ def find_way_along(
         lies at the end of the reach.
     """
     ways = np.arange(reach[0], reach[1] + _STEP_M, _STEP_M)
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn = np.array([[c, s], [-s, c]])  # from the earlier submap's frame to the later submap's frame
-    placed, back = later.ends @ turn + pose[:2], (earlier.ends - pose[:2]) @ turn.T
-    moves = ways[:, None, None]
-    of_later = FreeSpace.of(earlier).find_depths(placed + moves * along)
-    of_earlier = FreeSpace.of(later).find_depths(back - moves * (turn @ along))
-    costs = np.concatenate([of_later, of_earlier], axis=1) ** 2
+    costs = _compute_costs(earlier, later, pose, ways[:, None] * along)
     total = costs.sum(axis=1)
     best, side = int(total.argmin()), round(_SIDE_M / _STEP_M)
     if np.any(total[np.abs(ways - ways[best]) > _SAME_M] < _RIVAL * total[best]) or not side <= best < len(ways) - side:
@@ -130,8 +124,48 @@ def find_way_along(
     before, after = best - side, best + side
     curvature = (total[before] + total[after] - 2.0 * total[best]) / (2.0 * _SIDE_M**2)
     slopes = (costs[after] - costs[before])[:, None] / (4.0 * _SIDE_M)
-    pulls = sum_by_object(slopes, np.concatenate([placed, earlier.ends]), cluster_m)
+    pulls = sum_by_object(slopes, np.concatenate([se2.transform(pose, later.ends), earlier.ends]), cluster_m)
     return float(ways[best]), float(np.sqrt(np.sum(pulls**2)) / curvature)
+
+
+def contradicts(
+    earlier: Beams, later: Beams, pose: se2.Array, along: NDArray[np.float64], reach: tuple[float, float]
+) -> bool:
+    """Returns whether free space rules out where two passes lie along a direction.
+
+    Passes in opposite headings see few of the same ends of walls, which may match by chance. Then each pass blocks beams of
+    the other one, and at the right position along the direction hardly any beam is blocked.
+
+    Args:
+        earlier: beams of the earlier submap.
+        later: beams of the later submap.
+        pose: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
+        along: (2,) the direction, a unit vector in the earlier submap's frame.
+        reach: least and largest way from the pose along the direction [m] at which the later submap may lie instead.
+    """
+    ways = np.concatenate([np.arange(*ends, _STEP_M) for ends in ((-_SAME_M, _SAME_M), reach)])
+    total = _compute_costs(earlier, later, pose, ways[:, None] * along).sum(axis=1)
+    near = np.abs(ways) <= _SAME_M
+    return bool(total[~near].min(initial=np.inf) * _RIVAL < total[near].min())
+
+
+def _compute_costs(earlier: Beams, later: Beams, pose: se2.Array, moves: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the squared depths of the returns of each of two submaps in the free space of the other one.
+
+    Args:
+        earlier: beams of the earlier submap.
+        later: beams of the later submap.
+        pose: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
+        moves: (K, 2) moves of the later submap from this pose, in the earlier submap's frame [m].
+
+    Returns:
+        (K, L + E) squared depths [m^2] of the L returns of the later submap and the E of the earlier one, after each move.
+    """
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[c, s], [-s, c]])  # from the earlier submap's frame to the later submap's frame
+    of_later = FreeSpace.of(earlier).find_depths(later.ends @ turn + pose[:2] + moves[:, None])
+    of_earlier = FreeSpace.of(later).find_depths((earlier.ends - pose[:2] - moves[:, None]) @ turn.T)
+    return np.concatenate([of_later, of_earlier], axis=1) ** 2
 
 
 def place_along(

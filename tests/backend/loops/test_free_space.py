@@ -9,7 +9,7 @@ from support.corridors import PASS, build_corridor, drive_twice
 from support.passes import let_passes_follow
 
 from mqslam.backend.loops.closing import find_loops
-from mqslam.backend.loops.free_space import Beams, FreeSpace, place_along
+from mqslam.backend.loops.free_space import Beams, FreeSpace, contradicts, place_along
 from mqslam.backend.loops.passes import TrackedRun, find_origins, render_passes
 from mqslam.backend.loops.registration import align_passes
 from mqslam.backend.problem import Problem
@@ -36,12 +36,16 @@ def join_partly(drive: TrackedRun, earlier: int) -> tuple[Loop, NDArray[np.float
     return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi), found.along, truth
 
 
-def place_openly(drive: TrackedRun, loop: Loop, along: NDArray[np.float64], reach: tuple[float, float]) -> Loop | None:
-    """Places the later pass of a loop by the free space of its two submaps."""
+def find_beams(drive: TrackedRun, loop: Loop) -> tuple[Beams, Beams]:
+    """Returns the beams of the submaps of a loop's two passes."""
     submaps = render_passes((drive, loop.earlier), (drive, loop.later), BEAM)
     origins = find_origins(drive, loop.earlier, loop.later)
-    earlier, later = (Beams(start, submap.points) for start, submap in zip(origins, submaps, strict=True))
-    return place_along(loop, along, reach, earlier, later, ESTIMATOR.cluster_m)
+    return Beams(origins[0], submaps[0].points), Beams(origins[1], submaps[1].points)
+
+
+def place_openly(drive: TrackedRun, loop: Loop, along: NDArray[np.float64], reach: tuple[float, float]) -> Loop | None:
+    """Places the later pass of a loop by the free space of its two submaps."""
+    return place_along(loop, along, reach, *find_beams(drive, loop), ESTIMATOR.cluster_m)
 
 
 @pytest.mark.parametrize("walls", [BARE, build_corridor(1), build_corridor(2)])
@@ -65,6 +69,22 @@ def test_free_space_places_passes_along_a_corridor(seed: int, earlier: int) -> N
     np.testing.assert_allclose(placed.pose[:2], truth[:2], atol=0.15)
     sigma = float(np.sqrt(along @ placed.covariance[:2, :2] @ along))
     assert 0.001 < sigma < 0.2
+
+
+@pytest.mark.parametrize(("seed", "earlier"), [(1, 40), (1, 50), (2, 40), (3, 40)])
+@pytest.mark.parametrize("off_m", [-4.0, 0.0, 0.1, 2.5])
+def test_free_space_rules_out_passes_that_lie_elsewhere_along_a_corridor(seed: int, earlier: int, off_m: float) -> None:
+    drive = drive_twice(build_corridor(seed), 1.0, back=True)
+    loop, along, truth = join_partly(drive, earlier)
+    beams = find_beams(drive, loop)
+    moved = truth + np.array([*(off_m * along), 0.0])
+    assert contradicts(*beams, moved, along, (-off_m - 4.0, -off_m + 4.0)) is (abs(off_m) > 1.0)
+
+
+def test_free_space_rules_nothing_out_in_a_bare_corridor() -> None:
+    drive = drive_twice(BARE, 1.0, back=True)
+    loop, along, truth = join_partly(drive, 40)
+    assert not contradicts(*find_beams(drive, loop), truth + np.array([*(3.0 * along), 0.0]), along, (-7.0, 1.0))
 
 
 def test_a_bare_corridor_leaves_the_place_along_it_open() -> None:
