@@ -100,9 +100,9 @@ def optimise(graph: PoseGraph) -> Optimum:
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
     far from the optimum.
 
-    By Cauchy's loss, even a right loop has hardly any influence if the starting values are far off. If a loop ends so, the
-    graph is optimised again with Huber's loss for loops, and from there with its own losses. Of the first and the last
-    optimum, the one with the smaller error is returned.
+    With Cauchy's loss, even a right loop has hardly any influence if the starting values are far off. If a loop has hardly
+    any influence at the optimum, the graph is optimised again with Huber's loss for loops, and from the result once more
+    with the losses of the graph itself. Of the first and the last optimum, the one with the smaller error is returned.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)

@@ -391,7 +391,7 @@ def _yaw_rates(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns yaw rates of the radar (S,) [rad/s], shifts (K,) [us], and odometry's yaw rates (K, S) [rad/s] at each shift.
 
-    The yaw rates are means over S steps; each shift is added to the stamps of the steps.
+    Each of the S yaw rates is the mean over a step. A shift is added to the stamps at which the steps begin and end.
     """
     turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, _SHIFTS)
     shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)

@@ -185,8 +185,8 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
         if of not in _TOPICS:
             raise ConfigError(f"--topic {text}: '{of}' before '=' is no topic that mqslam reads; {suggest(of, _TOPICS)}")
         if not topic or _TOPICS[of] in named:
-            problem = "names the topic twice" if topic else "names no topic"
-            raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
+            problem = f"is the second topic for {of}" if topic else "names no topic"
+            raise ConfigError(f"--topic {text}: {problem}; give it once, as {of}=TOPIC")
         named[_TOPICS[of]] = topic
     return set_values(load_config(config), "sensor", **named)
 

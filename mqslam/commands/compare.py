@@ -202,7 +202,8 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
             raise ConfigError(f"front end {name}: +gyro is the only sensor that can be added; name {bare} or {bare}+gyro")
         known_frontends.require(front_end)
         if Path(front_end).name != front_end:
-            raise ConfigError(f"front end {name}: must be named without a folder; compare in the folder of that file")
+            folder, file = Path(front_end).parent, Path(front_end).name
+            raise ConfigError(f"front end {name}: name its file without a folder; give {file}, and compare in {folder}")
         if has_gyroscope and odometry_only:
             raise ConfigError(
                 f"front end {name}: +gyro needs a pose graph, and this comparison makes none; name {front_end} alone"

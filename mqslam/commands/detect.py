@@ -146,7 +146,7 @@ def _find_fault(scan: Scan, slack_s: float) -> str:
     if ranges.min() < 0.0:
         return "have negative ranges; give distances from the sensor in metres"
     if np.ptp(azimuths) > _WIDEST:
-        return f"have azimuths that are {np.ptp(azimuths):.0f} rad apart; give them in radians, of one turn per scan"
+        return f"have azimuths that span {np.ptp(azimuths):.0f} rad; give them in radians, of one turn per scan"
     if np.any(np.diff(times) < 0.0):
         return "are not ordered by time; sort them"
     if times[0] < scan.t0 - slack_s or times[-1] > scan.t1 + slack_s:

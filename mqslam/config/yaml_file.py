@@ -87,9 +87,9 @@ def _find_inside(model: type[BaseModel], name: str) -> list[str]:
     return [f"{key}.{near}" for key, names in inside.items() if near in names]
 
 
-def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Returns the names of the settings of a section, given the names of its parents; a number is an index in a list."""
+def _list_settings(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Returns the names in the section at a path: names of sections from the top down, and indices in lists."""
     node: Any = model
-    for parent in parents:
-        node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation
+    for step in path:
+        node = get_args(node)[0] if isinstance(step, int) else node.model_fields[step].annotation
     return list(node.model_fields)

@@ -198,7 +198,7 @@ def _check_polar_scan(recording: Recording, k: int, polar_scan: PolarScan) -> No
         problem = f"polar scan {k}: its times, azimuths, power and valid have the shapes {', '.join(map(str, shapes))}"
         raise DataError(recording.path, problem, "give (A,), (A,), (A, B) and (A,)")
     if count and not np.ptp(azimuths) <= _WIDEST:
-        problem = f"polar scan {k}: its azimuths are {np.ptp(azimuths):.0f} rad apart"
+        problem = f"polar scan {k}: its azimuths span {np.ptp(azimuths):.0f} rad"
         raise DataError(recording.path, problem, "give them in radians")
     if count and not np.abs(times - begin).max() <= _FARTHEST_S:
         problem = f"polar scan {k}: its times go from {times[0]:g} s to {times[-1]:g} s, and it begins at {begin:g} s"

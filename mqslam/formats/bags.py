@@ -182,8 +182,9 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
     """
     by_topic = {connection.topic: connection for connection in reversed(list(there))}
     if topic not in by_topic:
-        listed = ", ".join(sorted(by_topic)[:12]) or "none"
-        raise DataError(path, f"has no {what} on {topic}", f"name one of its topics of {kind}: {listed}")
+        listed = ", ".join(sorted(by_topic)[:12])
+        remedy = f"name one of its topics with {kind}: {listed}" if listed else f"name no topic: it has none with {kind}"
+        raise DataError(path, f"has no {what} on {topic}", remedy)
     return by_topic[topic]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.point_map import TimedCloud
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, join_words
 from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.extras import describe_missing
 from mqslam.execution.guards.apart import ProcessFailed, call_apart
@@ -96,7 +96,9 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         name, unit = f"{name} and {stamps_at[1][0]}", "ns"
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
-        raise DataError(path, f"has {len(x)} values of x, {len(y)} of y and {len(times)} times", "write the file again")
+        counts = [f"{len(x)} of x", f"{len(y)} of y", *([] if z is None else [f"{len(z)} of z"]), f"{len(times)} of {name}"]
+        remedy = "write the file again, with one value of each field per point"
+        raise DataError(path, f"has different numbers of values: {join_words(counts)}", remedy)
     notes = [_note_precision(path, name, times, unit)] if times.dtype == np.float32 and len(times) else []
     with np.errstate(invalid="ignore"):  # damaged numbers may be NaNs of a kind that NumPy warns about
         whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)

@@ -185,7 +185,7 @@ class Transforms:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on changing transforms without stamps, one line per topic, and on transforms that were left out."""
+        """Notes for the user: on transforms without stamps, a line per topic but the static ones, and on those left out."""
         unstamped = {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
         left_out = describe_left_out(self.left_out, count_of(self.left_out, "transform"))
         return Clock(self.clock.read, unstamped).notes + left_out

@@ -334,7 +334,7 @@ def add_up_neighbours(
 
     Args:
         x: (N, 2) positions of the queries [m].
-        t: (N,) s, times of the queries; if empty, times play no part.
+        t: (N,) times of the queries [s]; if empty, times play no part.
         rays: (N, 2) unit vectors of the queries' rays; if empty, viewing directions play no part.
         near: references near the queries.
         scale: widths of selection and weights.

@@ -363,7 +363,7 @@ def chart_path(run: Run, truth: Trajectory | None, left_out: int = 0) -> Section
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns charts of error over distance and drift by segment length; an empty list without ground truth or errors."""
+    """Returns charts of error over distance and drift by segment length; an empty list where no error is known."""
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))

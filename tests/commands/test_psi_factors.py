@@ -204,7 +204,7 @@ def test_scans_without_returns_are_refused_in_one_line(street: Street) -> None:
     [
         (lambda r: {"ranges": np.where(np.arange(len(r)) == 3, np.nan, r.ranges)}, "not all made of finite numbers"),
         (lambda r: {"ranges": -r.ranges}, "negative ranges"),
-        (lambda r: {"azimuths": np.degrees(r.azimuths)}, "rad apart; give them in radians"),
+        (lambda r: {"azimuths": np.degrees(r.azimuths)}, "azimuths that span 3.. rad; give them in radians"),
         (lambda r: {"times": 1e6 * r.times}, "give both in seconds since the recording's start"),
         (lambda r: {"times": r.times[::-1].copy()}, "not ordered by time; sort them"),
         (lambda r: {"intensities": r.intensities.astype(str)}, "not made of numbers"),

@@ -298,7 +298,7 @@ def test_damaged_clouds_are_named_in_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "problem"),
     [
-        ({"x": X, "y": Y, "t": T[:3]}, "has 4 values of x, 4 of y and 3 times"),
+        ({"x": X, "y": Y, "t": T[:3]}, "has different numbers of values: 4 of x, 4 of y and 3 of t"),
         ({"x": X, "y": Y, "t": np.array(["a"] * 4)}, "t is 1-dimensional <U1, not a number per point"),
         ({"x": X, "y": Y, "t": np.array([{}] * 4)}, "is not a readable"),
         ({"points": np.zeros((4, 5)), "t": T}, r"has points of shape \(4, 5\)"),

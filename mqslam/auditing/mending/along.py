@@ -1,9 +1,9 @@
 """Corrects psi's motions by ties along the path, before loops are searched; a tie is a measured motion between nearby scans.
 
-psi matches each scan to a map that holds the errors of earlier scans, so a scan with a wrong yaw turns all later scans. The
-registrations of an audit show such errors: of the two sides of every step, and of the two ends of every span. They are the
-ties. A tie comes from the same returns as the motions, so the covariances of the motions stay the same, and a tie has no
-more weight than the motions between its ends.
+psi matches each scan to a map that holds the errors of earlier scans, so a scan with a wrong yaw turns all later scans. An
+audit registers the two sides of every step and the two ends of every span on each other. These registrations show such
+errors, and they are the ties. A tie comes from the same returns as the motions, so the covariances of the motions stay the
+same, and a tie has no more weight than the motions between its ends.
 """
 
 from __future__ import annotations

@@ -3,9 +3,10 @@
 The steps of the given trajectory (its motions from scan to scan) are the odometry of the pose graph, corrected for a bias of
 the whole trajectory. At jumps, torn windows and torn spans, the steps get larger variances and psi's motions join the graph.
 If too many windows are torn, the odometry is noisy. Then psi's motions through all windows and across all steps join the
-graph, and registrations of successive scans show how the yaw changes. Odometry measures the yaw worst, so the error of a
-step's yaw is taken to be at least its difference from the scans. Revisits that are sure and agree with each other are the
-loops. A better trajectory shows more revisits, so several rounds follow. A trajectory that passes is not mended.
+graph, and registrations of successive scans show how the yaw changes. The standard deviation of a step's yaw is then at
+least the difference between the step's yaw and the yaw by these registrations, since odometry measures the yaw worst.
+Revisits that are sure and agree with each other are the loops. A better trajectory shows more revisits, so several rounds
+follow. A trajectory that passes is not mended.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def fit_to_reach(sweeps: Sweeps) -> float:
 
 
 def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
-    """Yields the distances [m] of the points of `_SWEEPS` sweeps at a time from the sensor at the start of each sweep."""
+    """Yields for `_SWEEPS` sweeps at a time the distance [m] of each point from the sensor at the start of its sweep."""
     for begin in range(0, len(sweeps), _SWEEPS):
         end = min(begin + _SWEEPS, len(sweeps))
         of_sweep = np.repeat(np.arange(begin, end), np.diff(sweeps.begins[begin : end + 1]))

@@ -196,7 +196,7 @@ def choose_topic(
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
     b_scans += [connection for connection in filled if connection.msgtype.endswith(FFT_NAMES)]
     if named is not None:
-        meant = bags.require_topic(path, named, (*images, *b_scans), "polar scans", "images")
+        meant = bags.require_topic(path, named, (*images, *b_scans), "polar scans", "images or B-scans")
         return _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images for name, rank in _RANKS.items() if c.topic.lower().endswith(name)]
     ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]

@@ -278,7 +278,7 @@ class Matcher:
         return best
 
     def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
-        """Returns a mask (N,) of a scan's points at a match that have a reference within the widest scale's reach."""
+        """Places a scan at a match; returns a mask (N,) of its points with a reference within the widest scale's reach."""
         points = self.place(scan, State(minimum.state)).points
         return mark_near(into.references.grid, points, self.matching.s_start)
 

@@ -77,9 +77,12 @@ def test_odometry_that_is_named_as_ground_truth_is_not_taken_as_odometry(bag: Pa
 @pytest.mark.parametrize(
     ("topics", "said"),
     [
-        (Topics("/left"), "has no polar scans on /left; name one of its topics of images: /front, /rear"),
-        (Topics("/rear", odometry="/rear"), "has no poses on /rear; name one of its topics of poses: /ins, /odom, /wheels"),
-        (Topics("/rear", truth="/gt"), "has no poses on /gt; name one of its topics of poses: /ins, /odom, /wheels"),
+        (Topics("/left"), "has no polar scans on /left; name one of its topics with images or B-scans: /front, /rear"),
+        (
+            Topics("/rear", odometry="/rear"),
+            "has no poses on /rear; name one of its topics with poses: /ins, /odom, /wheels",
+        ),
+        (Topics("/rear", truth="/gt"), "has no poses on /gt; name one of its topics with poses: /ins, /odom, /wheels"),
     ],
 )
 def test_a_topic_that_is_not_there_is_named_with_those_that_are(bag: Path, topics: Topics, said: str) -> None:
@@ -106,8 +109,8 @@ def test_the_command_line_names_topics(bag: Path, oxford: Path, tmp_path: Path) 
     ("given", "said"),
     [
         (["lidar=/scan"], "--topic lidar=/scan: 'lidar' before '=' is no topic that mqslam reads"),
-        (["odometry="], "--topic odometry=: names no topic; give each as odometry=TOPIC, once"),
-        (["/rear", "radar=/front"], "--topic radar=/front: names the topic twice; give each as radar=TOPIC, once"),
+        (["odometry="], "--topic odometry=: names no topic; give it once, as odometry=TOPIC"),
+        (["/rear", "radar=/front"], "--topic radar=/front: is the second topic for radar; give it once, as radar=TOPIC"),
     ],
 )
 def test_topics_that_say_nothing_are_refused(bag: Path, given: list[str], said: str) -> None:
