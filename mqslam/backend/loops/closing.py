@@ -49,6 +49,7 @@ from mqslam.backend.loops.registration import (
     score_at_pose,
 )
 from mqslam.backend.loops.rigid import move_rigidly
+from mqslam.backend.pose_graph import Optimum, PoseGraph
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -409,6 +410,7 @@ class LoopCloser:
         self._compared: set[tuple[int, int]] = set()
         self._decided: set[tuple[int, int]] = set()
         self._open: dict[tuple[int, int], NDArray[np.float64]] = {}  # directions about which the pairs' loops say nothing
+        self._latest: tuple[list[Loop], PoseGraph, Optimum] | None = None  # what `_solve` returned last, with its loops
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
         self._recognised = 0  # number of pairs that the recognition of places has compared
@@ -463,13 +465,15 @@ class LoopCloser:
         placed = keep_consistent(placed, chain, passes.LEAST_PATH_M)
         del chain
         _log.info("free space places %d of %d loops along the walls of corridors", len(placed), len(unplaced))
+        if not placed:  # other poses of loops that stay open hardly change the trajectory
+            return False
         for loop in placed:
             del self._open[loop.earlier, loop.later]
         near = [loop for loop, is_placed in found if not is_placed]
         new = {(loop.earlier, loop.later): loop for loop in (*near, *placed)}
         self.loops = [loop for loop in self.loops if (loop.earlier, loop.later) not in new]
         self.join(list(new.values()))
-        return 0 < len(placed) < len(unplaced)
+        return len(placed) < len(unplaced)
 
     def look_everywhere(self) -> bool:
         """Recognises places that the search around the trajectory does not reach; returns whether new loops were kept.
@@ -519,7 +523,8 @@ class LoopCloser:
         """Adds new loops to the trajectory, and then keeps those loops, old or new, that `confirm_by_map` returns."""
         loops, before = [*self.loops, *new], self._before
         assert before is not None  # it was given, or set when the trajectory was optimised
-        after = self._problem.solve_poses(loops)
+        graph, optimum = self._solve(loops)
+        after = graph.poses_at(optimum.values)
         self.loops = confirm_by_map(loops, before, after, self._estimator, self._beam, self._runner.engine)
 
     def conclude(self) -> LoopSearch:
@@ -554,10 +559,16 @@ class LoopCloser:
 
     def _optimise(self) -> Chain:
         """Returns the trajectory, optimised with the loops found so far; the first one replaces a missing `before`."""
-        graph, optimum = self._problem.optimise(self.loops)
+        graph, optimum = self._solve(self.loops)
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
         return chain
+
+    def _solve(self, loops: list[Loop]) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and its optimum; the latest is kept, since the next step often needs it."""
+        if self._latest is None or [*map(id, loops)] != [*map(id, self._latest[0])]:
+            self._latest = loops, *self._problem.optimise(loops)
+        return self._latest[1:]
 
 
 def find_loops(
