@@ -63,7 +63,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     *(("run OXFORD --out out --odometry w.csv", said, {"w.csv": text}) for text, said in ODOMETRY.items()),
     ("run OXFORD --out out --frontend odometry --odometry none", "needs odometry", {}),
     ("run OXFORD --out out --frontend mine.py", "front end mine.py: there is no such file; check the path", {}),
-    ("compare OXFORD --out out --frontends ./mine.py", "compare in the folder of that file", {"mine.py": ""}),
+    ("compare OXFORD --out out --frontends ./mine.py", "give mine.py, and compare in the folder .", {"mine.py": ""}),
     ("run OXFORD --out out --imu nowhere.csv", "nowhere.csv: does not exist", {}),
     ("run OXFORD --out out --gnss nowhere.csv", "nowhere.csv: does not exist", {}),
     ("run OXFORD --out out --extrinsics 1,2", "extrinsics 1,2: are not three numbers; give --extrinsics as metres", {}),

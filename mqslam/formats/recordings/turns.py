@@ -138,8 +138,6 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     The steps are explained by the sequence of turn rates that needs the assumptions with the lowest sum of costs: that a
     polar scan is missing, late or early, or that the radar changes its rate.
     """
-    from scipy.ndimage import median_filter
-
     rates = _collect_rates(steps)
     turns = steps[:, None] / rates
     whole = np.maximum(1.0, np.round(turns))
@@ -149,7 +147,11 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     path = _find_cheapest_path(costs, _COST_RATE_CHANGE)
     rows = np.arange(len(steps))
     usual = np.where(odd[rows, path], rates[path], steps / whole[rows, path])
-    return np.asarray(median_filter(usual, TURNS_AROUND))
+    count = TURNS_AROUND
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(usual, (count // 2, count - 1 - count // 2), mode="symmetric"), count
+    )
+    return np.asarray(np.median(around, axis=1))
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
