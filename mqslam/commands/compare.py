@@ -203,7 +203,8 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
         known_frontends.require(front_end)
         if Path(front_end).name != front_end:
             folder, file = Path(front_end).parent, Path(front_end).name
-            raise ConfigError(f"front end {name}: name its file without a folder; give {file}, and compare in the folder {folder}")
+            remedy = f"give {file}, and compare in the folder {folder}"
+            raise ConfigError(f"front end {name}: its file must be named without a folder; {remedy}")
         if has_gyroscope and odometry_only:
             raise ConfigError(
                 f"front end {name}: +gyro needs a pose graph, and this comparison makes none; name {front_end} alone"

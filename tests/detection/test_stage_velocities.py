@@ -162,7 +162,7 @@ def test_a_recording_of_ones_own_whose_index_is_wrong_is_refused(change: dict, s
     ("make", "said"),
     [
         (lambda p: replace(p, times=1e6 * p.times), "polar scan 0: its times go from .* give times in seconds"),
-        (lambda p: replace(p, azimuths=np.degrees(p.azimuths)), "polar scan 0: its azimuths span .* rad; give them in radians"),
+        (lambda p: replace(p, azimuths=np.degrees(p.azimuths)), "polar scan 0: its azimuths span .*; give them in radians"),
         (lambda p: replace(p, azimuths=p.azimuths[:-3]), r"polar scan 0: its times, azimuths, .* \(100,\), \(97,\)"),
         (lambda p: replace(p, power=p.power.T), r"give \(A,\), \(A,\), \(A, B\) and \(A,\)"),
     ],
