@@ -221,7 +221,7 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
 
 
 def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
-    """Reads a closing speed off each correlation: at its highest peak near the expected speed, of `expected` (K,) [m/s]."""
+    """Reads a closing speed off each of K correlations, at its highest peak near the speed in `expected` (K,) [m/s]."""
     per_cell = correlation.cell_mps
     half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))

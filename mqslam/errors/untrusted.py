@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 def bound_unpacked(packed_bytes: int) -> int:
-    """Returns the largest number of bytes that compressed data of a size may unpack to."""
+    """Returns the largest number of bytes to which `packed_bytes` bytes of compressed data may unpack."""
     return _ALWAYS_BYTES + _MOST_EXPANSION * packed_bytes
 
 
@@ -122,10 +122,12 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
 
 @contextmanager
 def blame_file(path: Path) -> Iterator[None]:
-    """Turns any error of the block into a DataError about a file; the log gets the traceback of an unforeseen error.
+    """Turns errors of the block into a DataError about a file; the log gets the traceback of an unforeseen error.
+
+    Errors of mqslam, interrupts and broken pipes stay as they are.
 
     Raises:
-        DataError: the block has failed with an error that is not one of mqslam.
+        DataError: the block has failed with any other error.
     """
     try:
         yield

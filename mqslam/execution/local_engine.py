@@ -234,7 +234,7 @@ class WorkerProcesses:
         paths: list[Path] = []
 
         def keep(buffer: pickle.PickleBuffer) -> bool:
-            """Returns whether an array is small enough to be copied with the object that holds it."""
+            """Returns whether an array is small enough to be copied with its object; a larger one is written to a file."""
             with buffer.raw() as raw:
                 if raw.nbytes < _LARGE:
                     return True

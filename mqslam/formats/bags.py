@@ -287,7 +287,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns a list with a note whose subject is `which`: `count` invalid poses or transforms; empty if `count` is 0."""
+    """Returns a note that `count` invalid poses or transforms, which the text `which` names, are left out; [] if 0 are."""
     return [f"{which} {is_or_are(count)} left out: {_INVALID}"] if count else []
 
 

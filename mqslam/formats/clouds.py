@@ -42,9 +42,9 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
     Times are in the unit that the field's name ends in (t_us). Without a unit in the name the largest time decides: it is in
     nanoseconds above 1e17, in microseconds above 1e14, in milliseconds above 1e11, else in seconds. A field of seconds and
-    one of nanoseconds are joined. Points whose coordinates or time are not finite are left out. The `map.ply` of a run
-    states in a comment how long a scan takes, and that of a lidar's run its sensor; in older files the comment also states
-    the stamp from which times are counted.
+    one of nanoseconds are joined. Points whose coordinates or time are not finite are left out. Comments in the `map.ply` of
+    a run state how long a scan takes and whether the sensor is a lidar; in older files they also state the stamp from which
+    times are counted.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y [m] and a time. In an `.npz` x and y may be the
@@ -81,7 +81,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud from the fields of a file, or raises a DataError; `z_range` [m] is as in `read_cloud`."""
+    """Makes a cloud of the points with z in `z_range` [m], if not None, from a file's fields, or raises a DataError."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")
@@ -125,7 +125,8 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
 def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
     """Joins whole seconds (N,) and their nanoseconds (N,) to times (N,) [ns].
 
-    If the arrays are not both of integers, the seconds are taken alone. Nanoseconds of 1e9 or more are complete times.
+    The seconds are taken alone unless both arrays hold integers and equally many. Nanoseconds of 1e9 or more are complete
+    times: if there are any, the nanoseconds are taken alone.
     """
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
@@ -213,7 +214,7 @@ def _load_las(path: Path) -> Columns:
 
 
 def _name_missing(path: Path, library: str) -> DataError:
-    """Returns the error that the library that reads a cloud, `pcd` or `las`, is not installed."""
+    """Returns the error that the library that reads clouds of a format, `pcd` or `las`, is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
 

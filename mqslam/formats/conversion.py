@@ -112,7 +112,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:
-    """Returns a trajectory, or None if it is None or has fewer than two poses, which readers do not accept."""
+    """Returns a trajectory, or None if there is none or if it has fewer than two poses, too few for readers."""
     return track if track is None or len(track) > 1 else None
 
 

@@ -174,7 +174,7 @@ def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
 
 
 def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) in x, y and yaw from (36,), (21,) or (12,) terms, as in `read_covariances`."""
+    """Returns the covariance (3, 3) in x, y and yaw from the 36, 21 or 12 terms that `read_covariances` describes."""
     if len(terms) == 36:
         return terms.reshape(6, 6)[_PLANAR]
     whole = np.zeros((6, 6))

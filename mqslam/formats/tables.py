@@ -115,8 +115,8 @@ class Header:
         """Finds the columns of stamps and the W wanted columns.
 
         Returns:
-            (1) what `find_stamps` returns, (2) the indices from 0 of the wanted columns, (3) the multipliers (W,) of their
-            units.
+            (1) index from 0 and unit of each column of stamps, as `find_stamps` returns them, (2) the indices from 0 of the
+            wanted columns, (3) the multipliers (W,) of the units of the wanted columns.
 
         Raises:
             DataError: a column is missing, or states a unit that cannot be converted.
@@ -131,21 +131,22 @@ class Header:
         return stamps, list(columns), np.array(factors)
 
     def refuse(self, missing: Sequence[str], remedy: str) -> DataError:
-        """Returns the error that columns are missing, which lists the columns that exist."""
+        """Returns the error that columns are missing; its text lists the columns that exist, at most 20."""
         return DataError(
             self.path, f"has no column {', '.join(missing)} (columns: {', '.join(self.names[:_LISTED])})", remedy
         )
 
 
 def split_header(line: str) -> tuple[str, ...]:
-    """Returns the column names, in lower case, in a header line, which may be a comment and may have quoted names."""
+    """Returns the column names of a header line, in lower case; the line may be a comment, and its names may be quoted."""
     return tuple(word.strip(" \"'\ufeff\r\n").lower() for word in line.lstrip("# ").split(","))
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
     """Returns (index from 0, unit) of the columns of stamps: none, the first, or one of seconds and one of nanoseconds.
 
-    The unit is as in `time_unit`. There are two columns only if the header names both seconds and nanoseconds.
+    A unit is one of `UNITS`, or "" if the name states none. There are two columns only if the header names both seconds and
+    nanoseconds.
     """
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
@@ -273,7 +274,7 @@ class SensorTable:
 
 
 def read_header(path: Path, remedy: str) -> Header:
-    """Reads the first line of a text file that is neither empty nor a comment.
+    """Reads the header of a text file: the first of its lines that is neither empty nor a comment.
 
     Raises:
         DataError: there is no such line, or the file does not exist or is no text.

@@ -36,7 +36,7 @@ def open_lines(path: Path, remedy: str, errors: str | None = None, missing: str 
 
 
 def read_text(path: Path, remedy: str, missing: str = "") -> str:
-    """Reads a text file; `remedy` and `missing` are advice for errors, as in `open_lines`.
+    """Reads a text file; errors advise `remedy` if the file is no text, and `missing` (see `open_lines`) if it is missing.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.

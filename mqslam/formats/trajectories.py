@@ -46,10 +46,9 @@ _MATRICES = "give an array of pose matrices (N, 4, 4) or (N, 3, 4)"
 _NUMBERS = 12  # numbers in the upper three rows of a 4x4 matrix
 _YAWS = ("yaw", "theta", "heading")
 _QUATERNION = ("qx", "qy", "qz", "qw")
-_STRAY_FACTOR: Final = 5.0  # yaws are in degrees if as radians they stray from the path by this many times as much
-_STRAY_LEAST: Final = (
-    0.02  # yaws stray from a path if a larger share of its length is lost once steps are turned back by them
-)
+_STRAY_FACTOR: Final = 5.0  # yaws are in degrees if they stray from the path this many times as much when read as radians
+# Yaws stray from a path if its steps, each turned back by its yaw, add up to less than the path's length by this share.
+_STRAY_LEAST: Final = 0.02
 _TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
 _LEAST_SLIDE = 1e-9  # smaller sideways speeds [m/s] are rounding errors
 _KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
@@ -78,7 +77,8 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
         topic: a topic of a bag; None takes the only topic of poses or, if there is none, the transforms.
-        frame: a frame whose poses the transforms of a bag give; None: as in `mqslam.formats.transforms.Transforms.choose`.
+        frame: a frame whose poses the transforms of a bag give; None takes base_link, else base_footprint, else the lowest
+            frame that moves (`mqslam.formats.transforms.Transforms.choose`).
 
     Raises:
         DataError: the file has none of these formats, holds a value that is not a number, has stamps that do not increase,
@@ -108,8 +108,8 @@ def read_with_notes(
 def read_odometry(path: Path) -> Trajectory:
     """Reads an odometry file: TUM, CSV with the header `t,v,omega` and optionally `vy`, or a CSV of poses.
 
-    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103), unless the header states other units. The twist of a
-    row holds until the next row's stamp, so the poses lie on constant-twist arcs; the first pose is the origin.
+    With `t,v,omega`, t is in us, v and vy in m/s, omega in rad/s (REP 103), unless the header states other units. The twist
+    of a row holds until the next row's stamp, so the poses lie on constant-twist arcs; the first pose is the origin.
 
     Raises:
         DataError: the file cannot be read, is in none of these layouts, holds a value that is not a number, or its stamps
@@ -233,7 +233,7 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, 
 def _read_transforms(
     path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads the poses of a frame from the transforms on some topics; also returns notes on transforms that are left out."""
+    """Reads a frame's poses from the transforms on some topics; also returns notes on those without stamps or left out."""
     transforms = Transforms()
     for connection, logged, raw in reader.messages(connections):
         transforms.add(reader.deserialize(raw, connection.msgtype), connection.topic, logged)
@@ -299,7 +299,7 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
 
 
 def _fit_as_degrees(poses: NDArray[np.float64]) -> bool:
-    """Returns whether yaws beyond a whole turn of 2 pi lie along the path of poses (N, 3) as degrees, but not as radians.
+    """Returns whether yaws of poses (N, 3) lie along their path as degrees but not as radians; False if none exceeds 2 pi.
 
     The poses are x, y [m] and a yaw of unknown unit, which may differ from the direction of the path by a constant angle.
     """

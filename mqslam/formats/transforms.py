@@ -31,7 +31,7 @@ def holds_transforms(connection: Connection) -> bool:
 
 
 def is_static(topic: str) -> bool:
-    """Returns whether a topic is /tf_static, in any namespace, whose transforms never change."""
+    """Returns whether a topic is /tf_static in any namespace: the transforms on it never change."""
     return topic.rsplit("/", 1)[-1] == _STATIC
 
 
@@ -55,7 +55,7 @@ class Mounts:
     Args:
         parents: by frame, the name of its parent, the numbers of the transform (x, y, z [m] and the quaternion x, y, z, w),
             and the topic that states it; without transforms on /tf that have changed.
-        moving: the frames whose transforms on /tf have changed, which are therefore ignored there.
+        moving: the frames whose transforms on /tf have changed; later transforms of these frames on /tf are ignored.
     """
 
     parents: dict[str, tuple[str, _Numbers, str]] = field(default_factory=dict)
@@ -106,14 +106,17 @@ class Mounts:
         return matrix if frame in bodies else None
 
     def find(self, sensor: str, body: str = "") -> se2.Array | None:
-        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor in a body's frame; arguments and None are as in `place`."""
+        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor in a body's frame; None if no transforms connect the frames.
+
+        `sensor` and `body` are names of frames; a body of "" is chosen as `place` chooses it.
+        """
         matrix = self.place(sensor, body)
         if matrix is None:
             return None
         return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
-        """Returns whether a sensor's z axis points down in the body's frame, which is chosen as in `place`.
+        """Returns whether a sensor's z axis points down in a body's frame; `place` says which frame a body of "" means.
 
         If no transforms connect the frames, the topmost frame above the sensor takes the body's place.
         """
@@ -158,7 +161,7 @@ class Transforms:
 
     Args:
         links: by child frame, its transforms.
-        left_out: number of transforms that were left out, for a quaternion of zeros, or a number not finite or over 1e9.
+        left_out: number of transforms that were left out because a number is not finite or the quaternion is zero.
         clock: reads the stamps of the transforms.
     """
 
@@ -195,10 +198,11 @@ class Transforms:
 
         Args:
             frame: name of a frame that moves; None takes, in this order and in any namespace, (1) base_link, (2)
-                base_footprint, (3) the only frame whose own transform changes with no such frame below it.
+                base_footprint, (3) the only frame whose own transform changes while that of no frame below it does.
 
         Raises:
-            ValueError: the named frame does not move; or, for None, no frame moves or the case that applies has several.
+            ValueError: the named frame does not move; or, for None, no frame moves, or several frames fit the first of the
+                three cases that any frame fits.
         """
         own = {name for name, link in self.links.items() if link.moves}
         moving = sorted(name for name in self.links if not own.isdisjoint(self._climb(name)))

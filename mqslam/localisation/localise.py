@@ -72,8 +72,8 @@ class Localised:
         covariances: (N, 3, 3) covariances of these poses relative to the map nearby, each in its pose's frame [m, m, rad].
         statuses: (N,) how far each pose can be trusted.
         psi: (N,) score per return on the map; NaN for scans that do not lie on the map.
-        matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it, and for scans
-            beyond the last one, in the direction of tracking, that lies on it.
+        matched: (N,) share of the returns that lie on the map; NaN for scans that were not compared with the map, and for
+            scans that tracking compared after the last scan that it found on the map.
         rows: number of rows of recognised places from which scans were tracked.
         looked_up: number of submaps of the recording that were compared with the places of the map.
         ambiguous: number of these submaps that fit several places of the map about equally well.

@@ -1,4 +1,4 @@
-"""Makes the occupancy grid of a point map that nav2's map_server loads, and marks free cells by the beams of a lidar."""
+"""Makes an occupancy grid of a point map, for nav2's map_server, and marks its free cells by the beams of a lidar."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
 
 
 def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
-    """Returns the grid with its free cells: those not occupied that a beam of a lidar's scans passes through.
+    """Returns the grid with its free cells marked: a beam of a lidar's scans passes through them, and they are not occupied.
 
     Args:
         grid: grid with the occupied cells.
@@ -80,7 +80,7 @@ def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyG
 
 
 def mark_free_by_keyframes(grid: OccupancyGrid, keyframes: Keyframes) -> OccupancyGrid:
-    """Returns the grid with its free cells: those not occupied that a beam of a lidar's keyframes passes through.
+    """Returns the grid with its free cells marked, as `mark_free` does, but by the beams of a lidar's keyframes.
 
     Args:
         grid: grid with the occupied cells.

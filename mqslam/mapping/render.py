@@ -37,7 +37,7 @@ TRAVEL_RAD = 0.01
 _PLACED = 100_000  # while points are placed, and while the points of a strip are searched
 _SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
-_LAST_COLUMN = 2**22  # largest number of a column; it also holds all points that lie farther out
+_LAST_COLUMN = 2**22  # index of the last possible column, which also holds all points that lie farther out
 _Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # indices of points, shares, whether matched
 
 

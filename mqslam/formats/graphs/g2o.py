@@ -142,13 +142,14 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space; the keys of the poses are the numbers of the vertices.
 
-    Comments (`#`) are left out. `held` names the vertices of `FIX` or, without `FIX`, the vertex with the lowest number.
-    GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
-    know, makes up missing vertices, and accepts any matrix as an information matrix.
+    Comments (`#`) are left out. `held` of the result names the vertices of `FIX` or, without `FIX`, the vertex with the
+    lowest number. GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that
+    it does not know, makes up missing vertices, and accepts any matrix as an information matrix.
 
     Raises:
-        DataError: the file cannot be read, has a line of any other kind, no poses or no edges, a vertex twice, an edge to
-            a missing vertex or to itself, or an information matrix that is not positive definite.
+        DataError: the file cannot be read, has a line that is no vertex, edge, `FIX` or comment, no poses or no edges, a
+            vertex twice, an edge to a missing vertex or from a vertex to itself, or an information matrix that is not
+            positive definite.
     """
     import gtsam
 

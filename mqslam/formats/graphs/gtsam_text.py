@@ -1,4 +1,4 @@
-"""Reads graphs and values in GTSAM's own format: the text archives of the Boost library that GTSAM's `serialize` returns."""
+"""Reads graphs and values in GTSAM's own format: the texts that its `serialize` returns, archives of the Boost library."""
 
 from __future__ import annotations
 

@@ -63,8 +63,8 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     If a log has FLASER and ROBOTLASER1 lines, only the kind with more lines is read. All beams of a scan have the scan's
     time, since the format states no times of beams. The trajectory consists of the lidar's poses in the scan lines. The
-    odometry comes from the ODOM lines or, in a log without ODOM lines, from the robot's poses in the scan lines. If the
-    robot's poses differ from the lidar's only by a constant offset, they hold no second measurement, and there is no
+    odometry comes from the ODOM lines. In a log without ODOM lines it comes from the robot's poses in the scan lines, unless
+    these differ from the lidar's poses only by a constant offset: then they hold no second measurement, and there is no
     odometry. Poses of the robot are converted to poses of the lidar.
 
     Args:

@@ -82,7 +82,7 @@ def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.Imag
 
 
 def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> None:
-    """Writes a trajectory as a GeoJSON line with the time of each of its points, if no time is after the year 9999.
+    """Writes a trajectory as a GeoJSON line; it states the time of each point unless one is after the year 9999.
 
     Args:
         path: the file.

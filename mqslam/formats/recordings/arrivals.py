@@ -1,4 +1,4 @@
-"""Estimates when the revolutions (turns) of a radar ended or began from their stamps of arrival, whose delays vary.
+"""Estimates, from stamps of arrival with varying delays, when the revolutions (turns) of a radar ended or began.
 
 Where a recording has one stamp per polar scan, a computer set this stamp when it received the polar scan. A busy computer
 sets it late: each stamp has a different delay, and some stamps are later than the stamps of the next polar scans. So polar
@@ -121,7 +121,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Returns a message on the damaged stamps that a mask (N,) marks, which names the first by its number."""
+    """Returns a message on the damaged stamps that a mask (N,) marks; it states the first such polar scan's number."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
@@ -139,7 +139,7 @@ def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDAr
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Returns a mask (N,) of the stamps [us] that increase and are not too late, given the places (N,) of their turns.
 
-    A stamp is too late if a later one follows sooner than the fastest plausible rate of the radar allows.
+    A stamp is too late if the stamp of a later turn follows it sooner than the fastest plausible rate of the radar allows.
     """
     from scipy.ndimage import minimum_filter1d
 
@@ -250,7 +250,7 @@ def _estimate_delays(
     known: NDArray[np.float64],
     usual: NDArray[np.float64],
 ) -> _Fit | None:
-    """Estimates the delays of N stamps; returns None where no known stamp is tied to others.
+    """Estimates the delays of N stamps; returns None if no stamp with weight 1 belongs to tied turns.
 
     Turns are untied if their duration would change by more than a rotating mass allows.
 
@@ -315,7 +315,7 @@ class _Fit:
     variance: float
 
     def measure_sigma(self, members: NDArray[np.bool_]) -> float:
-        """Returns the median standard deviation [us] of the estimated stamps that a mask (N,) marks."""
+        """Returns the median standard deviation [us] of the estimated stamps that a mask (N,) marks, or of 64 of them."""
         from scipy.linalg import cho_solve_banded
 
         chosen = np.flatnonzero(members)[pick_evenly(int(np.count_nonzero(members)), _PROBES)]

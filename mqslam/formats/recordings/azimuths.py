@@ -30,11 +30,11 @@ TURN_TICKS = 5600
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
 STATE_ENCODER = "set sensor.encoder_size if the encoder has another number of ticks per turn"
-_NEAR_STEPS = 5  # number of steps between polar scans at an end of a recording whose median is the duration of a turn there
+_NEAR_STEPS = 5  # the median of so many steps between polar scans at a recording's end is the duration of a turn there
 _OVERLAP = 1.05  # turns overlap if they last this many times the step between them: a radar's rate varies less
 # numbers of ticks per revolution of the encoders that are on the market
 _MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
-_SAME_SIZE = 0.02  # relative error of the ticks per turn, as estimated from the steps between polar scans
+_SAME_SIZE = 0.02  # largest relative error of ticks per turn that are estimated from the steps between polar scans
 _LONGEST_TURN_US = 30e6  # a stamp further than this from the median stamp of its turn is damaged
 
 

@@ -43,7 +43,7 @@ from mqslam.formats.tables import read_header, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
 """Stamp [us] of 2021-09-21, when another radar was mounted."""
-_RADAR_OFFSET_M = -0.31  # range of the near end of bin 0, by Navtech and the data set's own experiment
+_RADAR_OFFSET_M = -0.31  # range of an object in the middle of bin 0, by Navtech and the data set's own experiment
 _MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among other values
 RANGE_RESOLUTION_BEFORE_M = 0.0596
 RANGE_RESOLUTION_M = 0.04381
@@ -108,9 +108,9 @@ def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> R
 
 
 def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
-    """Returns the range [m] of the near end of bin 0, and a list with a note if the usual range is assumed.
+    """Returns the range [m] of an object in the middle of bin 0, and a list with a note if the usual range is assumed.
 
-    It is assumed if the file of calibrations does not exist or does not state this range.
+    The usual range is assumed if the file of calibrations does not exist or states no range.
 
     Raises:
         DataError: the file cannot be read, or states an offset that is too large for a radar.

@@ -144,8 +144,8 @@ def open_columns(
 def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
     """Writes a polar image `<name>.png` per polar scan into a folder, one polar scan in memory at a time.
 
-    The first column of an image is the azimuth straight ahead. If revolutions begin one azimuth later, as Oxford's do, it is
-    the last azimuth of the revolution before; the column is then black in the first image and after a gap.
+    The first column of an image is the azimuth straight ahead. If revolutions begin one azimuth later, as Oxford's do, this
+    column shows the last azimuth of the revolution before, and is black in the first image and after a gap.
 
     Args:
         folder: folder for the images.

@@ -83,7 +83,7 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Returns a note that `stamp` has no effect where azimuths carry stamps; an empty list if it is not stated."""
+        """Returns a list with a note that `stamp` has no effect if azimuths carry stamps; empty if `stamp` is not stated."""
         return [] if self.stamp is None else ["azimuths carry their own stamps: sensor.stamp has no effect"]
 
 

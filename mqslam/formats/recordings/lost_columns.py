@@ -107,7 +107,7 @@ def count_lost(before: Image, image: Image) -> int:
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
-        """Returns the RMS difference (A,) of each column from the column `shift` further right in the image before."""
+        """Returns the RMS difference (A,) of each column from the one `shift` columns further right in the image before."""
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 
@@ -177,7 +177,7 @@ def _centre_columns(rows: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _cut_bands(image: Image) -> NDArray[np.float32]:
-    """Returns the power (bands, rows, A) of an image in bands of range, whose columns get zero mean and unit norm."""
+    """Returns the power (bands, rows, A) of an image in bands of range; each band's columns have zero mean and unit norm."""
     rows = _choose_rows(image)
     bands = _centre_columns(rows.reshape(min(_BANDS, len(rows)), -1, rows.shape[1]))
     return np.asarray(bands / np.sqrt((bands**2).sum(axis=1, keepdims=True) + 1e-6), dtype=np.float32)

@@ -183,9 +183,9 @@ def _read_mount(root: Path) -> Mount | None:
 
 
 def _read_ground_truth(root: Path, recording: Recording) -> tuple[Trajectory | None, list[str]]:
-    """Reads the poses of the ground truth: of a converted recording or, for the dataset itself, chained from its motions.
+    """Reads the ground truth: the poses of a converted recording or, for the dataset itself, poses chained from motions.
 
-    Only the longest stretch of successive motions within the recording is used.
+    Of the motions, only the longest stretch of successive ones within the recording is used.
 
     Returns:
         The poses, or None if there is no ground truth, and a list with a note for the user if the motions have breaks or if

@@ -7,8 +7,8 @@ Some drivers publish one message per azimuth (`RadarFftDataMessage` and its late
 numbers, or the bytes of numbers with the high byte first. The azimuths of one turn of the radar are gathered into a b-scan.
 These drivers also publish a RadarConfigurationMessage. Its `bin_size`, a number or the bytes of a number, is in metres or in
 tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the number itself shows its
-unit. Newer drivers also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), bin b
-begins at the range b * bin_size * range_gain + range_offset [m].
+unit. Newer drivers also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), an object
+in the middle of bin b is at the range b * bin_size * range_gain + range_offset [m].
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class RadarTopic:
     def read_stamp(self, message: Any, logged_ns: int, clock: bags.Clock) -> int:
         """Returns the stamp [us] of a message that was recorded at `logged_ns` [ns].
 
-        It is the stamp of the first azimuth, else the stamp that the clock reads in the header, else the time of recording.
+        It is the stamp of the first azimuth if messages state the times of azimuths. Otherwise `clock` reads the stamp in
+        the header and, if the header has none, takes the time of recording.
 
         Raises:
             ValueError: the message's image cannot be used, or its times and angles are not those of a turn of the radar.
@@ -169,7 +170,7 @@ class RadarTopic:
     def find_turn(self, message: Any) -> int:
         """Returns the usual number of encoder ticks per turn: 5600, or for a b-scan the number that fits its encoder values.
 
-        This is the smallest usual number that is not below any encoder value; if there is none, the largest.
+        The number for a b-scan is the smallest usual one that is not below any encoder value; if there is none, the largest.
         """
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
@@ -216,7 +217,7 @@ def choose_topic(
 
 
 def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
-    """Chooses the topic whose first image looks like a polar image; raises a DataError if no or several topics do."""
+    """Chooses the only topic whose first image looks polar; raises a DataError if there is no such topic, or several."""
     first_messages: dict[str, tuple[Connection, Any]] = {}
     for connection in images:
         _, _, raw = next(reader.messages([connection]))
@@ -232,7 +233,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with the layout of its first polar scan; raises a DataError if ten messages hold none."""
+    """Returns the radar's topic with the layout of its first polar scan; a DataError if the first ten messages hold none."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -246,7 +247,7 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
-    """Finds the layout of a topic's messages from one message; raises ValueError if the image in it cannot be used."""
+    """Finds a topic's layout from one message; raises ValueError if its image, or the angles in the rows, cannot be used."""
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return AzimuthLayout.B_SCAN
     image = _read_pixels(message)
@@ -314,8 +315,8 @@ def read_turns(
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
-    A turn of the radar is left out if at most half of it is in the bag, as may be at the bag's start and end. If no turn is
-    complete, what there is of the last turn is still yielded. A message that cannot be read is yielded as it is.
+    A turn of the radar is left out if at most half of it is in the bag, as may be at the bag's start and end. If all turns
+    would be left out, the last one is still yielded. A message that cannot be read is yielded as it is.
 
     Args:
         reader: reader of the open bag.
@@ -382,7 +383,7 @@ def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
 def _read_azimuth(message: Any, logged: int) -> _Azimuth:
     """Reads a message of one azimuth, recorded at `logged` [ns]; raises AttributeError or ValueError for a bad field.
 
-    The stamp is the radar's own clock if this was set, else the stamp in the header, else the time of recording.
+    The stamp is that of the radar's own clock if this clock was set, else that in the header, else the time of recording.
     """
     power = np.asarray(message.data, dtype=np.uint8)
     if power.ndim != 1 or not power.size:
@@ -440,8 +441,9 @@ class StatedRanges:
 
     Args:
         topic: topic of the message.
-        bin_length: length of a range bin [m], multiplied by the factor of a calibration that the message states.
-        near_end: range of the near end of bin 0 [m]; None where the message states no calibration.
+        bin_length: length of a range bin [m]; if the message states a calibration, its factor is already applied.
+        near_end: range of an object in the middle of bin 0 [m]: the range offset, as counted from the near end of a bin
+            instead of its centre; None where the message states no calibration.
     """
 
     topic: str
@@ -461,7 +463,7 @@ def read_ranges(reader: AnyReader) -> StatedRanges | None:
 
 
 def _read_calibration(message: Any) -> tuple[float, float | None]:
-    """Returns the factor on ranges and the range of the near end of bin 0 [m] in a message; 1.0 and None if not stated."""
+    """Returns the factor on ranges and the `near_end` [m] that a message states; 1.0 and None if they are not plausible."""
     stated = (_list_numbers(getattr(message, name, 0)) for name in ("range_gain", "range_offset"))
     for gain, near_end in zip(*stated, strict=False):  # the bytes of both numbers have the same order
         if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(near_end):

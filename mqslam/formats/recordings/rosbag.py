@@ -203,7 +203,7 @@ class Frames:
     Args:
         radar: name of the frame of the radar's messages.
         mount: where the radar sits on the vehicle; None if the bag does not state it.
-        placed: the transforms of the bag that never change.
+        placed: those transforms of the bag that never change.
     """
 
     radar: str
@@ -280,7 +280,7 @@ class _Index:
 def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
     """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both.
 
-    The offset is 0 if the bag states none, or if the user states one, which `recordings.open_radar` applies.
+    The offset is 0 if the bag states none. It is also 0 if the user states one: `recordings.open_radar` applies the user's.
     """
     notes, resolution, offset = [], sensing.range_resolution, 0.0
     if resolution is None and stated is not None:
@@ -383,7 +383,7 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Yields poses as odometry messages, with the mean twist until the next pose.
+    """Yields poses as odometry messages, each with the mean twist until the next pose, the last with the twist before it.
 
     `frames` are the names of the fixed frame and of the moving frame whose poses these are.
     """

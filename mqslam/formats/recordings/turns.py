@@ -194,8 +194,8 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
     """Chooses the indices of one or two polar scans whose measured durations represent some steps.
 
-    If the recording's first or last step is among the steps, these are its first or last polar scan (or both), which the
-    caller may have read already. Otherwise it is a polar scan in the middle of the longest run of successive steps.
+    If the recording's first or last step is among the steps, the recording's first or last polar scan (or both) is chosen,
+    which the caller may have read already; otherwise, a polar scan in the middle of the longest run of successive steps.
 
     Args:
         steps: increasing indices of the steps, such as all steps at one rate.

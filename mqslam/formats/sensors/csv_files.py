@@ -43,9 +43,9 @@ _BOREAS_FIXES = "give a file of a Boreas recording whose header names GPSTime, l
 _OXFORD_INS = "give gps/ins.csv or gps/gps.csv as the Oxford RobotCar dataset has them"
 _STATUS, _GOOD = "ins_status", "SOLUTION_GOOD"
 _LONGEST_STEP_US = 1_000_000  # in a longer time the heading may change by 180 degrees, so its difference is ambiguous
-# numbers of the columns of the stamp and rates, and of the stamp, latitude, longitude and variances along east and north
+# indices from 0 of columns: stamp and rates; stamp, latitude, longitude and variances along east and north
 _MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)
-_MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope and of the fixes
+_MULRAN_COLUMNS = (17, 13)  # how many columns the tables of the gyroscope and of the fixes have
 
 
 @untrusted.reads_file
@@ -213,7 +213,11 @@ def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, 
 
 
 def _read_mulran_table(header: Header, columns: Sequence[int], count: int, remedy: str) -> SensorTable:
-    """Reads numbered columns of a table without a header; raises a DataError if the table has fewer than `count` columns."""
+    """Reads the columns with given indices, the stamps first, of a table without a header.
+
+    Raises:
+        DataError: the table has fewer than `count` columns.
+    """
     if len(header.names) < count:
         remedy = f"{remedy}; or a table of {count} columns without a header, as later versions of MulRan have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)

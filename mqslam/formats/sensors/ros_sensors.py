@@ -204,7 +204,7 @@ def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
-    """Returns iterators over (stamp [us], connection, message) by increasing stamp: of mount, gyroscope, fixes, if any."""
+    """Returns an iterator over (stamp [us], connection, message), by stamp, for each of mount, gyroscope and fixes."""
     lists = []
     if recording.mount is not None:
         lists.append(_list_mount(bag, recording.mount, recording.start_us))
