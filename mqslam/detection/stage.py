@@ -56,7 +56,8 @@ def detect_stretch(
         The returns of each polar scan, and the other results; `velocities` is None unless asked for.
 
     Raises:
-        DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine.
+        DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine;
+            or the arrays of a polar scan are not what `PolarScan` states.
     """
     scans: list[Returns] = []
     velocities: list[Velocities] = []

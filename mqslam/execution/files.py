@@ -32,9 +32,9 @@ def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
 
 @contextlib.contextmanager
 def write_aside(path: Path) -> Iterator[Path]:
-    """Yields a temporary path beside `path`, which takes the name of `path` when the block ends without an error.
+    """Yields a temporary path beside `path`; the file there is renamed to `path` when the block ends without an error.
 
-    The temporary file is written to the disk before it takes that name. The permissions of the file follow the user's umask.
+    The content is flushed to the disk before the file is renamed. The permissions of the file follow the user's umask.
 
     Raises:
         OutputError: the folder does not exist or cannot be written to, or the disk is full.

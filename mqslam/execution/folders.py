@@ -145,14 +145,14 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left behind, as the lock of `out` names them after a word."""
+    """Lists the folders beside `out` that killed commands have left: notes of the lock name each after the given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
 
 
 def _name_beside(out: Path, word: str) -> Path:
-    """Returns a free path beside a folder, whose name ends in the given word, or in a number after the word."""
+    """Returns a free path beside a folder; the path's name ends in the given word, or in a number after the word."""
     path, number = out.with_name(f".{out.name}.{word}"), 0
     while os.path.lexists(path):
         number += 1

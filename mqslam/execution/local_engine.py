@@ -176,7 +176,7 @@ def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
 
 
 class WorkerProcesses:
-    """Processes that call functions. They start with the first call, which takes a second or two, and end with this object.
+    """Processes that call functions. They start at the first call, within a second or two, and end with this object.
 
     A large array is written to a file once and mapped into memory by every process, so that all processes share one copy.
     Arrays that calls share must therefore never change.

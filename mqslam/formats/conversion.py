@@ -61,7 +61,7 @@ def claim_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         out: file or folder of the result.
         target: layout of the result.
         force: whether an existing file or folder may be replaced.
-        recording: path of the recording that the result is made from, which it must not replace.
+        recording: path of the recording that the result is made from; the result must not replace it.
 
     Raises:
         OutputError: the path exists and may not be replaced, the result cannot be written, or another command writes it.

@@ -134,7 +134,7 @@ def read_covariances(path: Path) -> StampedCovariances:
 
 
 def _is_of_localisation(summary: Path) -> bool:
-    """Returns whether the summary of a result, which may be missing, is that of a localisation.
+    """Returns whether the file `summary` of a result belongs to a localisation; False if there is no such file.
 
     Raises:
         DataError: the summary is damaged.

@@ -175,7 +175,7 @@ class _LocalisedScans:
         self._progress("localise", int(self.tried.sum()), len(self.tried))
 
     def forget(self, part: slice) -> None:
-        """Deletes the poses of the scans in a part of the recording, which then count as not tried."""
+        """Deletes the poses of the scans in a part of the recording; these scans then count as not tried."""
         self.poses[part] = self.covariances[part] = self.psi[part] = self.matched[part] = np.nan
         self.tried[part] = self.on_map[part] = False
 
@@ -295,9 +295,9 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
     Args:
         setting: the scans and the map.
         table: the poses of the scans; the new poses are added to it.
-        start: number of the first scan, which lies on the map.
+        start: index of the first scan, which lies on the map.
         way: 1 tracks forward in time, -1 backward.
-        limit: number of the last scan to track.
+        limit: index of the last scan to track.
 
     Returns:
         Whether tracking reached a scan that was tracked from the other side to a conflicting pose.
@@ -340,7 +340,7 @@ def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) ->
 def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> NDArray[np.float64]:
     """Returns the squared differences (K, 3) in x, y, yaw of pairs of registrations, in units of psi's variances.
 
-    Each pair holds the numbers and poses of two scans. A pair is left out if one of its registrations does not converge.
+    Each pair holds the indices and poses of two scans. A pair is left out if one of its registrations does not converge.
     """
     even = np.arange(len(setting.keyframes)) % 2 == 0
     halves = [MapAround(setting.keyframes, setting.beam, chosen) for chosen in (even, ~even)]

@@ -97,7 +97,7 @@ def place_keyframes(
 
     Args:
         keyframes: keyframes of the map.
-        chosen: numbers of the keyframes whose points are placed.
+        chosen: indices of the keyframes whose points are placed.
         frame: (3,) pose of the given frame: x, y [m], yaw [rad], in the same frame as `poses`.
         poses: (K, 3) poses of all keyframes: x, y [m], yaw [rad].
         beam: measurement errors of the sensor.

@@ -225,7 +225,7 @@ def _split(count: int, size: int) -> list[slice]:
 
 
 def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Returns strips of about `_SCORED` points, each as the number of its first column and of the column after its last one.
+    """Returns strips of about `_SCORED` points, each as the index of its first column and of the column after its last one.
 
     Args:
         counts: (C,) number of points in each column.
@@ -248,7 +248,7 @@ def _score_strip(
     Args:
         shared: the N points of the map, the column (N,) of each point, the corner (2,) [m] at which column 0 begins, the
             duration of a turn of the sensor [s], and the settings of the score.
-        strip: number of the strip's first column, and of the column after its last one.
+        strip: index of the strip's first column, and of the column after its last one.
 
     Returns:
         The indices of the strip's points in the map (M,), their shares of psi (M,), and whether each is matched (M,).

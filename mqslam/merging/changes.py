@@ -57,7 +57,7 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
 
     Args:
         keyframes: keyframes of a map.
-        chosen: (K,) numbers of the wanted keyframes.
+        chosen: (K,) indices of the wanted keyframes.
     """
     count = _RAYS
     firsts, origins = np.full((len(chosen), count), np.inf), np.zeros((len(chosen), count, 2))
@@ -152,7 +152,7 @@ class Change:
     """An object that one recording shows, and that another recording does not show although that recording sees beyond it.
 
     Args:
-        shown_by, missed_by: numbers of the recording that shows the object and of the recording that misses it.
+        shown_by, missed_by: indices of the recording that shows the object and of the recording that misses it.
         place: (2,) centre of the rectangle around the object's cells [m], in the map's frame.
         size_m: (2,) extent of this rectangle along x and y [m], at least the side of a cell.
         cells: number of the object's cells.
@@ -178,7 +178,7 @@ class _Seen:
 
     Args:
         points: (N, 2) all points of the keyframes, in the map's frame [m].
-        owners: (N,) number of the keyframe of each point, among these keyframes.
+        owners: (N,) index of the keyframe of each point, among these keyframes.
         cells: (C, 2) mean of the points in each cell in which at least `_SEEN` keyframes have a point [m].
         views: views of the keyframes.
     """
@@ -239,7 +239,7 @@ def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[
 
 
 def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
-    """Collects the points, cells and views of the keyframes with the numbers `chosen` (K,), all of one recording."""
+    """Collects the points, cells and views of the keyframes with the indices `chosen` (K,), all of one recording."""
     counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
     ends = np.cumsum([0, *counts])
     points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)
@@ -263,7 +263,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
     Args:
         one: the keyframes of the first recording.
         other: the keyframes of the second recording.
-        numbers: numbers of the two recordings in the map.
+        numbers: indices of the two recordings in the map.
     """
     if not len(one.cells) or not len(other.points):
         return
@@ -304,7 +304,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
 
 
 def _find_shown(seen: _Seen, cells: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns pairs (P, 2): number of one of the cells (C, 2) [m], number of a keyframe that has a return near this cell."""
+    """Returns pairs (P, 2): index of one of the cells (C, 2) [m], index of a keyframe that has a return near this cell."""
     _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=_NEAR_M)
     point, which = np.nonzero(near < len(cells))
     count = len(seen.views.poses)
@@ -317,7 +317,7 @@ def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: V
 
     Args:
         cells: (C, 2) centres of the cells in the map's frame [m].
-        shown: (P, 2) pairs of the number of a cell and the number of a keyframe that shows the cell.
+        shown: (P, 2) pairs of the index of a cell and the index of a keyframe that shows the cell.
         views: views of the keyframes.
 
     Returns:

@@ -234,7 +234,7 @@ class Recognition:
     """The result of comparing submaps of a later session with places of an earlier session.
 
     Args:
-        earlier, later: numbers of the sessions.
+        earlier, later: indices of the sessions.
         rows: number of rows of matches.
         matches: number of matches in these rows.
         ambiguous: number of submaps that match several places.
@@ -282,7 +282,7 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places the sessions in the frame of the first, each time the session with the most agreeing matches to a placed one.
+    """Places all sessions in the frame of the first; next is always the one with most agreeing matches to a placed one.
 
     Returns:
         The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; the matches as links between
@@ -316,7 +316,7 @@ def lay_out(
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
-    """Returns the number of the match whose relative pose of the two sessions fits the keyframes of all matches best.
+    """Returns the index of the match whose relative pose of the two sessions fits the keyframes of all matches best.
 
     Args:
         recognition: the recognition, with N matches that agree.
@@ -330,7 +330,7 @@ def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) ->
 
 
 def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
-    """Returns the error that says why sessions could not be joined to the sessions with the numbers `joined`."""
+    """Returns the error that says why sessions could not be joined to the sessions with the indices `joined`."""
     apart = [n for n in range(len(sessions)) if n not in joined]
     own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
     names = ", ".join(str(sessions[n].folder) for n in apart)

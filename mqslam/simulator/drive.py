@@ -87,9 +87,9 @@ class SampledDrive(Drive):
         """Finds the intervals between samples for times (N,) [s].
 
         Returns:
-            (1) The share (N, 1) of each interval that has passed at the time, below 0 or above 1 beyond the samples, (2) the
-            duration (N, 1) of the interval [s], (3, 4) the samples (N, 3) at its ends, and (5, 6) the rates (N, 3) at its
-            ends, multiplied by the duration.
+            (1) The share (N, 1) of each time's interval that has passed by then, below 0 or above 1 beyond the samples, (2)
+            the duration (N, 1) of the interval [s], (3, 4) the samples (N, 3) at its ends, and (5, 6) the rates (N, 3) at
+            its ends, multiplied by the duration.
         """
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]

@@ -62,7 +62,7 @@ class Lock:
 
 @contextmanager
 def lock_output(out: Path) -> Iterator[Lock]:
-    """Yields the lock of an output, whose file is removed at the end of the block.
+    """Yields the lock of an output; the lock's file is removed at the end of the block.
 
     The system frees the lock of a process that is killed. The file stays, with the notes of that process, until a later
     block ends without an error.

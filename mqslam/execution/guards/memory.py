@@ -10,7 +10,7 @@ _UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts by
 
 
 def find_peak_mb(*, children: bool = False) -> float:
-    """Returns the peak memory [MB] of this process, or the largest peak of this process and its ended children.
+    """Returns the peak memory [MB] of this process, or the largest of the peaks of this process and its ended children.
 
     Args:
         children: whether to include child processes that have ended.

@@ -211,7 +211,7 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """Returns the robot's odometry, or None if it has fewer than two poses, and notes for the user on what was left out.
+    """Returns (1) the robot's odometry, None with fewer than two poses; (2) notes for the user on resets and omissions.
 
     In a log that a SLAM run wrote, the odometry starts again from the corrected pose after every scan. The wheels measured
     only the steps between these jumps: the steps are chained, and the jumps are left out.

@@ -26,7 +26,7 @@ _REMEDY = "convert it to a layout that keeps times and angles: oxford, boreas, m
 
 @dataclass(frozen=True, slots=True)
 class ColumnImages:
-    """The images `<name>.png` of a recording, whose names are numbers.
+    """The images of a recording: each is a file `<name>.png` whose name is a number.
 
     Args:
         folder: folder of the images.

@@ -103,7 +103,7 @@ class Restorer:
 
 
 def count_lost(before: Image, image: Image) -> int:
-    """Counts the columns at the end of an image that still show the revolution before, which the image `before` shows."""
+    """Counts the columns at the end of an image that still show the revolution before; `before` is the image before."""
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:

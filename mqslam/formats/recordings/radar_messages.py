@@ -375,7 +375,7 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep more than half of a turn, whose largest encoder value is `largest`."""
+    """Returns whether azimuths sweep more than half of a turn; `largest` is the largest encoder value so far."""
     ticks = [tick for _, tick, *_ in azimuths]
     return 2 * (max(ticks) - min(ticks)) > largest
 

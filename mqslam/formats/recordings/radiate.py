@@ -126,7 +126,7 @@ def _read_messages(root: Path) -> SensorTable | None:
 
     Returns:
         One row (6,) per stamp: latitude, longitude [degrees], standard deviation [m] and the turn rates about x forward, y
-        right, z down [rad/s]; NaN if its message is damaged. None if the recording has no folder of messages.
+        right, z down [rad/s]; a row of a damaged message is NaN. None if the recording has no folder of messages.
     """
     folder = root / _NAME
     if not folder.is_dir():

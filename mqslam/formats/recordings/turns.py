@@ -71,8 +71,8 @@ def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = Non
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
         measure: takes the index of a polar scan, and returns the duration [us] of its turn from the stamps of its azimuths,
-            or None if these show no duration. It may read the polar scan, so it is called for all but the last only if there
-            are few, else for one or two per turn rate. None if azimuths have no stamps.
+            or None if these show no duration. Since a call may read the polar scan, all polar scans but the last are
+            measured only if there are few, else one or two per turn rate. None if azimuths have no stamps.
     """
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):

@@ -132,7 +132,8 @@ def _choose_sights(rng: np.random.Generator) -> _Sights:
 def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
     """Returns the crossings (C, 2) [m] of an uneven grid, displaced by long waves and at random.
 
-    The crossings in the row with the index `carriageway` are not displaced at random along y, so that it runs smoothly.
+    The crossings in the row with the index `carriageway` are not displaced at random along y, so that this row runs
+    smoothly.
     """
     x, y = (np.r_[0.0, np.cumsum(rng.uniform(*span, n - 1))] for n, span in ((COLUMNS, (78, 165)), (ROWS, (66, 120))))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1)
@@ -144,7 +145,7 @@ def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
 
 
 def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) -> dict[tuple[int, int], Street]:
-    """Lays a street between all neighbouring crossings (C, 2) [m], and returns the streets by the indices of their ends.
+    """Lays a street between each two neighbours among crossings (C, 2) [m]; returns the streets by their ends' indices.
 
     Some streets become footways, so that drives go round blocks of different sizes.
     Every crossing that vehicles reach keeps two streets that lead on, so that no drive ends in a blind alley.
