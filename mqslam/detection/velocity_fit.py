@@ -109,7 +109,7 @@ class ChirpCorrelation:
 
 
 def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCorrelation | None:
-    """Correlates up-chirps with down-chirps at neighbouring azimuths; None if no three successive pairs alternate.
+    """Correlates up-chirps with down-chirps at neighbouring azimuths; None if no four successive azimuths alternate.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -237,7 +237,7 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
 
 
 def _search(correlation: ChirpCorrelation) -> Array | None:
-    """Searches the velocity (2,), forward and left [m/s], with the largest sum of correlations; None if none stands out."""
+    """Finds the velocity (2,), forward and left [m/s], with the largest sum of correlations; None if none stands out."""
     per_cell = correlation.cell_mps
     line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -253,7 +253,7 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
 
 
 def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocities:
-    """Fits the velocity at time `middle` [s] and the acceleration to all shifts, from a first velocity (2,) [m/s].
+    """Fits the velocity at time `middle` [s] and the acceleration to all shifts, starting from a velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
     different times. There is no velocity if too few azimuths have a peak, or if one sector alone determines the fit.

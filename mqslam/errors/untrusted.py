@@ -113,7 +113,7 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
     Raises:
         DataError: the path is not a regular file, or the file is too large.
         OSError: the file cannot be read.
-        UnicodeDecodeError: the text is not UTF-8.
+        UnicodeDecodeError: the text is neither in UTF-8 nor in the encoding of its byte order mark.
     """
     if check_file(path).stat().st_size > most_bytes:
         raise DataError(path, f"is larger than {most_bytes / 1e6:g} MB, too large for its kind", "give another file")

@@ -152,7 +152,7 @@ class _LocalisedScans:
 
     Attributes:
         poses, covariances, psi, matched, statuses: as in `Localised`.
-        tried: (N,) whether the scan was compared with the map.
+        tried: (N,) whether the scan was compared with the map, and the result kept (`_follow` says which are not).
         on_map: (N,) whether the scan lies on the map.
     """
 

@@ -200,7 +200,7 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 
 
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Returns the scene with its moving vehicles shifted along their lanes, so that none touches the radar's own vehicle.
+    """Returns the scene with moving vehicles that would touch the radar's own vehicle shifted along their lanes.
 
     A vehicle that would touch the radar's vehicle after every shift stays in its place. The drive lasts `duration_s`.
     """

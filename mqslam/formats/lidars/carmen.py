@@ -100,7 +100,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 def _choose_scans(
     path: Path, log: CarmenLog, kind: str, settings: ReadingConfig
 ) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
-    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and notes on the choice."""
+    """Chooses of one kind of scans those with increasing stamps; returns stamps (N,) [us], scans, notes on the choice."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))

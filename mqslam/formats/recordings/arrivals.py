@@ -102,7 +102,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Removes the delays from the stamps of arrival (N,) [us] of the turns at these places (N,).
+    """Removes the delays from the stamps of arrival (N,) [us] of turns at given places (N,).
 
     Returns:
         The estimated stamps (N,) [us], the usual duration of a turn [us], and the standard deviation of one stamp [s].
@@ -157,9 +157,10 @@ def _fill_turns(
 ) -> tuple[NDArray[np.int64], float]:
     """Returns the stamp of every turn (M,) [us], missing turns included, and the usual duration of a turn [us].
 
-    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. The other turns are
-    spread evenly between these; before the first and after the last of these, they follow at the usual duration. Where a gap
-    lies between two known turns, another turn is put after the gap if its stamp of arrival lies there, else before the gap.
+    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. All other turns are
+    spread evenly between the known turns; before the first and after the last known turn, they follow at the usual duration.
+    Where a gap lies between two known turns, another turn is put after the gap if its stamp of arrival lies there, else
+    before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)

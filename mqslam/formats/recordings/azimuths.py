@@ -1,6 +1,6 @@
 """Reads and writes the times and angles of a revolution's azimuths as Oxford rows, or spreads them evenly.
 
-An Oxford row is a row of an image that holds one azimuth: its time, its encoder value, a flag byte and its power (see
+In an image of Oxford rows, each row holds one azimuth: its time, its encoder value, a flag byte and its power (see
 `read_metadata`). An encoder value counts the ticks of the radar's encoder clockwise from straight ahead.
 """
 

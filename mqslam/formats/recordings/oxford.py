@@ -74,7 +74,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def find_image_folder(path: Path) -> Path:
-    """Returns the folder of the images: the path itself if it is called radar, else the folder radar inside the path."""
+    """Returns the folder of the images: the path if it is called radar and holds no folder radar, else radar inside it."""
     return path if path.resolve().name == "radar" and not (path / "radar").is_dir() else path / "radar"
 
 

@@ -144,8 +144,8 @@ class RosSensors:
         """Returns the mount of the radar as the transforms state it; None if no transform places the radar.
 
         Raises:
-            DataError: no transform places the radar, but messages are damaged; or transforms place it by numbers that are
-                not finite.
+            DataError: no transform places the radar, but messages on /tf_static are damaged; or transforms place the radar
+                by numbers that are not finite.
         """
         topic = self.mounts.find_topic(radar_frame)
         pose = self.mounts.find(radar_frame) if topic else None
