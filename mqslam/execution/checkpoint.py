@@ -37,7 +37,7 @@ def hash_run(
 ) -> str:
     """Returns a hash of what a run's result depends on; only a run of the same hash resumes a checkpoint.
 
-    The path, the stamps and the lengths of the range bins stand for the polar scans, whose content is not read.
+    The polar scans are not read: the path, the stamps, the length of a range bin and the range offset stand for them.
     """
     digest = hashlib.sha256()
     path, ranges = str(recording.path.resolve()), f"{recording.range_resolution} {recording.range_offset}"

@@ -56,7 +56,7 @@ class StampedCovariances:
 def write_covariances(path: Path, given: StampedCovariances) -> None:
     """Writes a CSV row per pose: its stamp [us] and the upper triangle of its covariance in x, y [m] and yaw [rad].
 
-    The file does not state `of_first_pose`, and `read_covariances` takes it as True.
+    The file does not state `of_first_pose`. `read_covariances` takes it as True, except in the folder of a localisation.
     """
     lines = [",".join(_COLUMNS)]
     for stamp, covariance in zip(given.stamps_us.tolist(), given.covariances, strict=True):
@@ -92,7 +92,7 @@ def list_known(
 
 
 def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a covariance (3, 3) in x, y [m] and yaw [rad] as the terms (36,) of ROS's PoseWithCovariance; others are 0."""
+    """Returns a covariance (3, 3) in x, y [m], yaw [rad] as the 36 terms of ROS's PoseWithCovariance; other terms are 0."""
     whole = np.zeros((6, 6))
     whole[_PLANAR] = covariance
     return whole.reshape(-1)

@@ -52,7 +52,7 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """Reads an array of an archive.
 
     Raises:
-        ValueError: the array is missing, damaged, made of Python objects, or claims more bytes than the archive holds.
+        ValueError: the array is missing, damaged, made of Python objects, or claims more bytes than its member holds.
     """
     try:
         member = archive.getinfo(f"{name}.npy")

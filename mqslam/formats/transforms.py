@@ -224,8 +224,8 @@ class Transforms:
     def trace(self, frame: str) -> Trajectory:
         """Returns the poses of a frame in the root, the topmost frame above it.
 
-        The poses have the stamps of the most frequent transform between the frame and the root. The other transforms are
-        interpolated at these stamps, as tf2 does. There are poses only at stamps within the time span of each transform.
+        Of the transforms between the frame and the root, the one with most stamps gives the poses their stamps. The others
+        are interpolated there, as tf2 does. Stamps outside the time span of a transform that changes give no pose.
 
         Raises:
             ValueError: the frame or one above it has two parents, the frames form a ring, or fewer than two poses result.

@@ -129,7 +129,8 @@ def _spread_readings(
     angles, which span 180 degrees.
 
     Raises:
-        DataError: no field of view is stated, and lidars with this number of readings do not see 180 degrees.
+        DataError: no field of view is stated, and a scan has 90 readings or more, but not as many as a lidar that is known
+            to see 180 degrees.
     """
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():

@@ -278,8 +278,8 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
     Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
     of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
     computer was busy, are recognised as late before the estimated turns can follow them. The likelihood of a stray stamp is
-    the same everywhere within a turn. `bends`, `tied` and `known` are as in `_estimate_delays`; `turn` is the usual duration
-    of a turn [us].
+    the same everywhere within a turn. `bends` (N - 2,) are second differences of the stamps [us], `tied` (N - 2,) marks the
+    tied ones, `known` (N,) are the weights of the stamps, and `turn` is the usual duration of a turn [us].
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
@@ -330,8 +330,9 @@ def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: ND
     """Splits N stamps into delays d and true times t; minimises sum(weights d^2) + ratio sum((second differences of t)^2).
 
     Only tied second differences count. The normal equations (W + ratio D'TD) d = ratio D'T bends have five diagonals: W
-    holds the weights (N,), T picks the tied bends, and D takes second differences. `bends` (N - 2,) [us] and `tied` (N - 2,)
-    are as in `_estimate_delays`; `ratio` is the variance of the jitter over the variance of changes of a turn's duration.
+    holds the weights (N,), T picks the tied bends, and D takes second differences. `bends` (N - 2,) are those of the stamps
+    [us], and `tied` (N - 2,) marks the tied ones. `ratio` is the variance of the jitter over that of changes of a turn's
+    duration.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 

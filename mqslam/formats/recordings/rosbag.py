@@ -278,7 +278,7 @@ class _Index:
 
 
 def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
-    """Returns the length of a range bin [m], the range offset of the centres of bins [m], and notes for the user on both.
+    """Returns the length of a range bin [m], the range offset [m] from a bin's centre, and notes for the user on both.
 
     The offset is 0 if the bag states none. It is also 0 if the user states one: `recordings.open_radar` applies the user's.
     """
