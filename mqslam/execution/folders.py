@@ -145,7 +145,7 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left: notes of the lock name each after the given word."""
+    """Lists the folders beside `out` that killed commands have left, and that notes of the lock name after a given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]

@@ -81,7 +81,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud of the points with z in `z_range` [m], if not None, from a file's fields, or raises a DataError."""
+    """Makes a cloud from a file's fields, or raises a DataError; keeps points with z in `z_range` [m], all if it is None."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")

@@ -282,7 +282,7 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places all sessions in the frame of the first; next is always the one with most agreeing matches to a placed one.
+    """Places all sessions in the frame of the first; the one with most agreeing matches to a placed one is always next.
 
     Returns:
         The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; the matches as links between

@@ -86,7 +86,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> RowImageRecording:
-    """Returns a recording with odometry from a wheel encoder's file and the gyroscope, or with a message why not."""
+    """Returns a recording with odometry from a wheel's file and the gyroscope, else with a message why it has none."""
     gyroscope, place = recording.gyroscope, calibration / "T_applanix_wheel.txt"
     if gyroscope is None or (recording.mount is not None and not place.exists()):
         missing = "a gyroscope besides applanix/imu.csv" if gyroscope is None else str(place)

@@ -94,7 +94,7 @@ class RowFolder:
         return azimuths, pixels[:, METADATA_BYTES:], rising
 
     def read_rising(self, name: int) -> Azimuths:
-        """Reads the azimuths of the up-chirps of an image, given its name; all azimuths unless byte 10 states directions.
+        """Reads the azimuths of an image's up-chirps, given its name; all azimuths unless byte 10 states chirps' directions.
 
         Raises:
             DataError: the image cannot be used, or its stamps do not fit its name.
