@@ -233,7 +233,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with its first polar scan's layout; raises a DataError if ten messages hold no scan."""
+    """Returns the radar's topic with its first scan's layout; raises a DataError if the first ten messages hold none."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
