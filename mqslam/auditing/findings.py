@@ -61,8 +61,9 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool
         is_of_run: whether a run made the trajectory, so that the trajectory surely belongs to this recording.
 
     Returns:
-        a finding on the share of torn windows, `not judged` without any window; also a `warn` if in too many windows almost
-        no point is seen twice even in the best map, and a `fail` if in most windows almost none is under the given poses.
+        A finding on the share of torn windows, `not judged` if windows are missing or too few. It may be followed by (1) a
+        `warn`: in too many windows almost no point is seen twice, even in the best map, (2) a `fail`: in most windows almost
+        no point is seen twice in the map under the given poses.
     """
     if not windows:
         reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"
@@ -139,7 +140,7 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns a comma, the words `said` and the times [s], to append to a sentence; an empty text if there are no times."""
+    """Returns words to append to a sentence: a comma, `said`, and at most `_NAMED` of the times [s]; "" without times."""
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -157,13 +158,13 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off, by more than chance explains, `doubt_m` and 2 `jump_m`."""
+    """Returns whether only a few scans at a step are off: by more than chance explains, `doubt_m` and 2 `jump_m`."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether a step is off by more than chance explains, and fits better and only with the offset corrected."""
+    """Returns whether a step is off by more than chance explains, and fits better once corrected, but nowhere else."""
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
     )
@@ -177,7 +178,7 @@ def find_torn_steps(
     At a jump, (1) the offset is larger than chance explains and larger than `settings.jump_m`, (2) the two sides fit better
     with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as those of
     a lidar that turns on the spot, fit at many places. A jump below `settings.torn_m` must also last: otherwise only a few
-    scans are displaced. Where poses are too sparse for the turns, any jump must last and exceed `doubt_m`.
+    scans are displaced. Where poses are too sparse to follow the turns, any jump must last and exceed `doubt_m`.
 
     Args:
         steps: the steps in the order of time.
@@ -291,7 +292,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Estimate | None) ->
 
 
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns the bias (3,) of a trajectory as in `Pooled`, with 0 where it is tolerated or explained by chance."""
+    """Returns `pooled.bias` as values (3,) [m/m, m/m, rad/m], with 0 where a value is tolerated or explained by chance."""
     proven = _are_proven(pooled.bias, (SCALE_WARN, SCALE_WARN, TURN_WARN), limits)
     return np.where(proven, pooled.bias.value, 0.0)
 
@@ -334,7 +335,7 @@ _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
 def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig, few: str = "") -> Finding:
-    """Judges a map by its spans: `warn` if any span is torn, `fail` if their share is surely above `WINDOWS_FAIL`.
+    """Judges a map by its spans: `warn` if any is torn, `fail` if the share of torn spans is surely above `WINDOWS_FAIL`.
 
     Args:
         spans: spans of the map; those without a p-value are left out.
@@ -447,7 +448,8 @@ def judge_revisits(
 ) -> Finding:
     """Judges a map by its revisits. A map without sure revisits passes, since many drives come back to no place.
 
-    Torn revisits give `warn` or `fail`; a series of revisits that agree on an offset, or many excused ones, only `warn`.
+    Torn revisits give `warn` or `fail`, unless they are too few to show a drift. A series of revisits that agree on an
+    offset, or many excused revisits, only give `warn`.
 
     Args:
         revisits: revisits of the map in the order of time.
@@ -520,7 +522,7 @@ def _measure_mean(row: Sequence[RevisitAudit]) -> float:
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns in words why no revisit shows a drift and how much drift could hide; `path_m` is as in `judge_revisits`."""
+    """Returns in words why no revisit shows a drift, and how much of it could hide: any drift if `path_m` [m] is None."""
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"

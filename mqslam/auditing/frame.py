@@ -115,7 +115,7 @@ class Reading(NamedTuple):
 
 
 def _misses_headings(poses: se2.Array) -> bool:
-    """Returns whether all poses (M, 3) have the same yaw although their path turns."""
+    """Returns whether all poses (M, 3) have about the same yaw although their path turns."""
     along = np.diff(poses[:, :2], axis=0)
     along = along[np.hypot(*along.T) > 1e-3]
     if len(along) < 2 or np.ptp(np.unwrap(poses[:, 2])) > _LEAST_TURN:
@@ -134,8 +134,8 @@ def judge_readings(shared: Shared, windows: Sequence[WindowAudit], place: Place,
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
-        windows: windows of the map, which passes if fewer than `_LEAST_TORN` are torn. If more are torn, but fewer turn, the
-            test could not judge anything.
+        windows: windows of the map. If fewer than `_LEAST_TORN` of them are torn, the map passes. If the trajectory
+            turns in fewer than `_LEAST_TORN` of them, only missing headings can be judged.
         place: returns the points of the map under other poses (M, 3) of the track.
         engine: where windows are judged; the result does not depend on it.
     """

@@ -71,8 +71,8 @@ class GyroscopeCheck:
 def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) -> GyroscopeCheck:
     """Compares a gyroscope with the turns of a trajectory from scan to scan.
 
-    A trajectory does not state the errors of its turns. The gyroscope is therefore calibrated on the turns, and what
-    differences remain are taken as their errors.
+    A trajectory does not state the errors of its turns. The gyroscope is therefore calibrated on the turns, and the
+    differences that remain are taken as the errors of the turns.
 
     Args:
         gyroscope: readings of the gyroscope.

@@ -98,12 +98,12 @@ class Audit:
     own: Sequence[MapTest] = ()
 
     def compute_psi_over_best(self) -> float | None:
-        """Returns psi summed over decided windows, divided by the sum of their lowest psi (at least 1); None without any."""
+        """Returns psi of all decided windows divided by their lowest possible psi, at least 1; None if none is decided."""
         decided = [window.bend for window in self.windows if window.undecided is None]
         return _divide(sum(bend.psi for bend in decided), sum(bend.psi_best for bend in decided))
 
     def compute_psi_over_best_of_passes(self) -> float | None:
-        """Returns psi summed over sure revisits, divided by the sum of their lowest psi (at least 1); None without any."""
+        """Returns psi of all sure revisits divided by their lowest possible psi, at least 1; None if none is sure."""
         sure = [one.registration for one in self.revisits if one.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 

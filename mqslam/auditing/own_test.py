@@ -14,7 +14,7 @@ from mqslam.errors import ConfigError
 
 
 def load_test(path: Path) -> MapTest:
-    """Loads the `MapTest` with a function `judge` that a Python file defines.
+    """Loads from a Python file the `MapTest` that the file defines, with its function `judge`.
 
     Raises:
         ConfigError: the file is missing, cannot be imported, defines no or several such tests, or repeats a test's name.

@@ -38,7 +38,7 @@ class Registration:
         covariance: (3, 3) covariance of `offset` from the curvature of psi.
         centre: (2,) mean of the points of the later stretch, in the frame of the later sweep [m].
         spread_m: root mean square distance of these points from `centre` [m].
-        matched: share of the points of the later stretch that lie on the earlier stretch.
+        matched: share of the points of the later stretch that lie on the earlier stretch once the offset is corrected.
         psi, psi_best: score per point without and with the offset corrected.
         observed: whether the two stretches constrain the offset in every direction.
         unrivalled: whether `observed` holds, the two stretches match well enough, and they fit nowhere else as well.
@@ -95,7 +95,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns the reach in position [m], at most `gate_m`, and yaw [rad] for plausible errors of speed over `span_s` [s]."""
+    """Returns how far to search after `span_s` [s]: up to the largest error of speed or `gate_m` [m], and in yaw [rad]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 

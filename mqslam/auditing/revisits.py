@@ -103,9 +103,9 @@ def find_agreeing(
 ) -> NDArray[np.bool_]:
     """Finds series of successive offsets, each of which agrees with the next, that are too long to agree by chance.
 
-    Two offsets agree up to the chi-square quantile of `PROBABILITY`. A series counts if the probability that it agrees by
-    chance is below 1 - `PROBABILITY`.
-    A series ends where the passes could also agree on another offset, as in streets that repeat.
+    Two offsets agree if the squared Mahalanobis distance between them is at most the chi-square quantile of `PROBABILITY`. A
+    series counts if the probability that all its offsets agree by chance is below 1 - `PROBABILITY`. A series ends where the
+    passes could also agree on another offset, as in streets that repeat.
 
     Args:
         given: N offsets.
@@ -141,9 +141,10 @@ def _chance_of_agreement(
     most_m: float,
     same_m: float,
 ) -> float:
-    """Returns the probability that offsets k - 1 and k agree by chance; 0 if they do not agree, or on other offsets as well.
+    """Returns the probability that offsets k - 1 and k agree by chance; 0 if a series ends between them.
 
-    The arguments are those of `find_agreeing`.
+    It ends if they do not agree, are too far apart, or could agree on other offsets as well. The arguments are those of
+    `find_agreeing`.
     """
     if np.abs(given.places[k] - given.places[k - 1]).max() > most_m:
         return 0.0
@@ -275,7 +276,7 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits; one with an end in a gap, where poses are guesses, is neither sure nor torn.
+    """Returns the revisits; those with a pass in a gap, where poses are guesses, are neither sure nor torn.
 
     Args:
         revisits: revisits of a map.
@@ -300,8 +301,8 @@ def judge_registrations(
     The covariance from psi's curvature is too small by a factor that depends on the surroundings. The usual difference
     between neighbouring revisits shows this factor. A drift of the trajectory moves neighbouring revisits alike, so it does
     not change the factor. A sure revisit is torn if its inflation, and its offset in position or in yaw, are above fixed
-    limits. But if the trajectory states covariances and there is a p-value, it is torn if it is off by more than chance
-    explains and by more than `settings.jump_m`.
+    limits. But if the trajectory states covariances and the revisit has a p-value, the revisit is torn if it is off by more
+    than chance explains and by more than `settings.jump_m`.
     """
     if not registrations:
         return []

@@ -151,7 +151,8 @@ def _chain_across(
         gap: begin and end of the gap [s].
         times: (S,) times of the sweeps [s].
         twists: mean twist (3,) from each sweep of the gap to the next sweep [m/s, m/s, rad/s]; None where it is unknown.
-        longest_s: longest time over which unknown motions are interpolated [s]; if they last longer, None is returned.
+        longest_s: longest time over which unknown motions are interpolated [s]; if a time without known motions is
+            longer, None is returned.
     """
     known = [k for k, twist in twists.items() if twist is not None]
     middles = (times[known] + times[[k + 1 for k in known]]) / 2.0

@@ -44,8 +44,8 @@ class StepAudit:
     """The judgement of one step, which is a place between two successive scans.
 
     Args:
-        registration: registration of the scans after the step on the scans before it; the first scan after the step is
-            its later sweep.
+        registration: registration of the scans after the step on the scans before it; its field `later` is the number of
+            the first scan after the step.
         t: time of the step [s] since the recording's start.
         p_value: probability that a map without a jump has a step this far off; NaN if the scans do not constrain every
             direction, or if the map has too few steps to show their usual offset.
@@ -104,7 +104,7 @@ def audit_steps(
 def _judge_step(step: Registration, p_value: float, shared: Shared, chance: float) -> StepAudit:
     """Returns the judgement of a step, whose offset is checked if it is neither tolerated nor explained by chance.
 
-    If the pattern of a lidar's beams alone may explain the offset, the two sides do not fit at one place only.
+    If the pattern of a lidar's beams alone may explain the offset, the step counts as one that fits at several places.
 
     Args:
         step: registration of the two sides of the step.

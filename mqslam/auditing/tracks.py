@@ -191,7 +191,7 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
 
 
 def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Returns the intervals (begin, end) [s] between poses in which times (S,) [s] lie; intervals that touch are joined."""
+    """Returns the steps between poses that contain any of times (S,) [s], as (begin, end) [s]; joins those that touch."""
     gaps: list[tuple[float, float]] = []
     for step in np.unique(_find_steps(track, times)).tolist():
         begin, end = float(track.times[step]), float(track.times[step + 1])
@@ -238,7 +238,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out: in the sorted largest tenth, all after the first rise by `_JUMP_FACTOR`."""
+    """Returns which sizes (N,) stand out: among the largest tenth, all that lie above the lowest jump by `_JUMP_FACTOR`."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])
@@ -246,14 +246,14 @@ def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the indices (S,) of the last poses before times (S,) [s], at least 0 and at most the last but one."""
+    """Returns the index (S,) of the last pose at or before each of the times (S,) [s], from 0 to the last index but one."""
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
 def judge_cover(track: Track) -> list[Finding]:
     """Returns a finding if a trajectory covers less than 90 % of the scans, else an empty list.
 
-    If it covers less than half of them, its stamps may be wrong; it is `not judged` if it then covers no whole window.
+    If it covers less than half of them, its stamps may be wrong; with fewer scans than in a window, it is `not judged`.
     """
     if track.uncovered <= _PART_WARN * track.scans:
         return []

@@ -257,7 +257,7 @@ def _open(
     """Opens the recording to audit; the arguments are those of `audit`.
 
     Raises:
-        MqslamError: it cannot be opened, or `given` shares no time with it in the stretch `span` or after the offset.
+        MqslamError: it cannot be opened, or `given` covers fewer than two scans of the stretch, or after the offset.
     """
     recording = open_radar_or_lidar(data, format, range_resolution, settings, span=span)
     causes = ["only a stretch of the recording was asked for"] if span != WHOLE else []
@@ -321,7 +321,7 @@ class _Subject:
     Args:
         sweeps: the points, placed by the trajectory and divided into sweeps; a sweep of a recording is a scan.
         track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
-        settings: all settings, with the Doppler shift that was used and, when it is judged, the limits of the verdict.
+        settings: all settings, with the Doppler shift that was used; `audit` adds the limits of the verdict later.
         format: name of the layout of the recording or cloud.
         notes: what a user should know about how the recording or cloud was read.
         place: returns the points, placed by another trajectory with the same stamps.

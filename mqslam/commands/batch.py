@@ -151,7 +151,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
         run: the entry.
         name: name of the run.
         folder: folder of RUNS.yaml, to which the paths of the entry are relative.
-        taken: names of the other runs.
+        taken: names of the runs before this one.
 
     Raises:
         ConfigError: the name of the run cannot be the name of a folder or is that of another run, its front end or settings

@@ -58,7 +58,7 @@ def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET
 
 
 def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callable[[str], None]) -> tuple[Scans, str]:
-    """Returns the scans of a recording, and advice in case they hold too few returns, which may be empty.
+    """Returns the scans of a recording, and advice for the case that they hold too few returns; it may be empty.
 
     Args:
         recording: the path of a recording, an open recording, or scans.

@@ -303,7 +303,7 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
 def _choose_sensor(
     recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
 ) -> Reading[S | None]:
-    """Returns no sensor for the choice `none`, the recording's `own` for `auto`, or else what `read` reads from that file.
+    """Returns no sensor for the choice `none`, the recording's `own` for `auto`, else what `read` reads from the file.
 
     If the recording's own sensor shares no time with the radar, the result is None with a fault that begins with `unused`.
 

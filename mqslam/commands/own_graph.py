@@ -328,8 +328,8 @@ def refine(
     These registrations, called *ties*, become factors that replace the loops between the same passes, since both use the
     same returns, and no return may count twice. A scan is registered only on passes that a loop connects with the scan's own
     pass. The graph is then optimised again, and in the next round the scans are registered once more at their new poses. A
-    round that makes psi across passes larger is undone and is the last: the graph has the ties of the round before, or after
-    the first round its loops.
+    round that makes psi across passes larger is undone and is the last: the graph then has the ties of the round before or,
+    if it was the first round, its loops.
 
     Args:
         graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's

@@ -180,7 +180,7 @@ class BatchResult(Result):
 
     @property
     def verdicts(self) -> dict[str, VerdictStatus | None]:
-        """The verdict of every run by its name, None for a run that failed; the gravest come first."""
+        """The verdict of every run by its name: first failed runs with None, then the others, the gravest first."""
         return {run["name"]: VerdictStatus(run["verdict"]) if run["verdict"] else None for run in self.summary["runs"]}
 
     @property

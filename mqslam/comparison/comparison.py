@@ -37,7 +37,7 @@ class Comparison:
     Args:
         recording: the recording.
         settings: all settings.
-        doppler_beta: range shift per closing speed by which the rows were rendered [s].
+        doppler_beta: range shift per closing speed [s], with which the map of each row was rendered.
         rows: front ends and given trajectories, including those that failed.
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.

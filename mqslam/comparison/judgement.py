@@ -49,8 +49,8 @@ class Place:
     Args:
         begin, end: the window holds the scans with indices begin <= k < end among the scans that all rows cover.
         t0, t1: times at which the window begins and ends [s] since the recording's start.
-        apart_m: largest difference between two rows' motions through the window [m]: of the position, and of the yaw times
-            `_LEVER_M`, as root of the sum of squares; zero for a place of `pick_stations`, which does not measure it.
+        apart_m: largest difference between two rows' motions through the window [m]: the root of the sum of the squares
+            of the difference in position and of `_LEVER_M` times that in yaw. Zero for places of `pick_stations`.
     """
 
     begin: int
@@ -223,7 +223,7 @@ class Judge:
 
 
 def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
-    """Returns the ground truth from the start of the first scan to the end of the last one; None if there is none."""
+    """Returns the ground truth from the start of the first scan to the end of the last one; None without poses there."""
     begin, end = (scans.start_us + round(1e6 * time_s) for time_s in (scans[0].t0, scans[-1].t1))
     inside = (truth.stamps_us >= begin - SLACK_US) & (truth.stamps_us <= end + SLACK_US)
     return Trajectory(truth.stamps_us[inside], truth.poses[inside]) if inside.any() else None

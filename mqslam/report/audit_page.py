@@ -226,7 +226,7 @@ def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[S
     """Returns the places that can be clicked, in the order of time.
 
     They are (1) `_MOST_WINDOWS` windows at most, all torn windows before any other, and (2) jumps, torn spans, torn sums and
-    torn revisits, `_MOST_PAIRS` at most. If there are more, windows that are not torn and (2) are picked evenly.
+    torn revisits, `_MOST_PAIRS` at most. If there are more, the first torn windows are taken; all others are picked evenly.
     """
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]

@@ -226,7 +226,7 @@ def draw_world(
 
 
 def _find_view(drawings: Sequence[Drawing], shape: tuple[float, float]) -> View:
-    """Returns the rectangle around all that is drawn, except the outermost points of maps, as `find_common_view` does."""
+    """Returns the rectangle around all that is drawn; if maps are drawn, the outermost points may lie beyond its sides."""
     maps = [points for drawing in drawings for points, _ in drawing.maps]
     drawn = [*maps, *(curve.points for drawing in drawings for curve in drawing.curves)]
     return find_common_view(drawn or [np.zeros((1, 2))], shape, OUTERMOST if maps else 0.0)
@@ -409,7 +409,7 @@ def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None 
 
 
 def _use_plain_log(axes: Axes, which: str) -> None:
-    """Makes the axis `which` (`x` or `y`) logarithmic, with numbers at 1, 2 and 5, or at powers of ten for a wide span."""
+    """Makes the axis `which` (`x` or `y`) logarithmic, with numbers such as 1, 2, 5, 10; on a wide one powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{which}scale": "log"})

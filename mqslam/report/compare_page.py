@@ -119,7 +119,7 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
 def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
     """Returns the table of the rows with their ranks: the best row first, rows that failed last, with the reason.
 
-    The other cells are those of the terminal.
+    The other cells are those of the table in the terminal.
     """
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
@@ -177,7 +177,8 @@ def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque:
 
     Args:
         rows: rows that ran.
-        truth: ground truth, with which the best rigid motion aligns each trajectory; if None, all start from one pose.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; if it is None or cannot be aligned
+            with every trajectory, all start from one pose.
         opaque: whether the background is white, for a picture outside a page, rather than transparent.
     """
     motions, shown = _find_common_frame([row.trajectory for row in rows], truth)
@@ -257,7 +258,6 @@ def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_u
     """Returns (N,) whether a trajectory moves or rotates in each of N spans of time [s since the recording's start].
 
     Its poses at begin and end of the span must be at least `TRAVEL_M` or `TRAVEL_RAD` apart, as for a scan that is rendered.
-
     Before its first pose and after its last pose, the trajectory is taken to stand still.
     """
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
@@ -332,7 +332,8 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
     Args:
         rows: rows that ran.
-        truth: ground truth, with which the best rigid motion aligns each trajectory; if None, all start from one pose.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; if it is None or cannot be aligned
+            with every trajectory, all start from one pose.
 
     Returns:
         The content of a PNG file, the largest distance between two trajectories [m], and the time at which it occurs [s

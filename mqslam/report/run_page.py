@@ -316,8 +316,8 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
     """Returns for each window two arrays of points (M, 2) [m]: those of its own pass, and those of other passes.
 
     Points belong to its own pass if they were seen within `_SAME_PASS_S` of the window's middle. They are in the frame of
-    the sensor at the window's middle scan. Of more points than the page can show, some are left out everywhere alike, so
-    that the crops of a lidar, whose windows all show the same rooms, do not fill the memory.
+    the sensor at the window's middle scan. If the page cannot show all points, the map is thinned evenly, so that the
+    crops of a lidar, whose windows all show the same rooms, do not fill the memory.
     """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]

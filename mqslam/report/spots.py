@@ -94,7 +94,7 @@ class Spot:
 
 
 def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns the worst places, at most `_WORST`: torn places by the size of their correction, then windows by inflation.
+    """Returns the worst places, at most `_WORST`: torn places by size of correction, then the other windows by inflation.
 
     Of two places of one kind that are not more than `_SPREAD_M` of path apart, only the worse one is returned.
 

@@ -271,7 +271,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns a line for each test that could judge nothing, and for each reason why windows are undecided.
+    """Returns a line for each finding of a test that could judge nothing, and for each reason why windows are undecided.
 
     Args:
         audit: judgement of the map.
@@ -288,8 +288,8 @@ def list_unjudged(audit: Audit) -> list[str]:
 def _list_uncovered(sweeps: Sweeps, *, is_part: bool) -> list[str]:
     """Returns a line on scans without poses, and one on times with poses but without points.
 
-    Each line is left out if what it is about is not longer than a window; without a trajectory, there are no lines.
-    Poses at other times than those of a part of a recording are left out on purpose.
+    Scans or times that last no longer than a window are not listed. If `is_part`, poses outside the part of the recording
+    are not listed either, since they are left out on purpose. Without a trajectory, there are no lines.
     """
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
@@ -404,7 +404,7 @@ def _summarise_findings(findings: Sequence[Finding]) -> dict[str, Any]:
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: Callable[[str], str] = str) -> None:
-    """Writes every result file of an audit except its pictures and its page into an existing folder.
+    """Writes every result file of an audit into an existing folder, except the page with its files, and mended.tum.
 
     Args:
         folder: the folder.

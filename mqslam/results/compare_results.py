@@ -253,7 +253,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
 
 
 def _write_row(folder: Path, row: Row, recording: Recording) -> None:
-    """Writes the trajectory of a row and what led to it into a new folder; a front end's has a pose for every scan."""
+    """Writes the trajectory of a row and its source into a new folder; that of a front end has a pose for every scan."""
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
     trajectory = recording.complete(row.trajectory) if row.measurements else row.trajectory

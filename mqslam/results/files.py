@@ -30,7 +30,7 @@ _EVO: Final = "evo_ape"
 
 
 def summarise_size(recording: Recording) -> dict[str, Any]:
-    """Returns the entries of `dataset` on a recording's scans and its duration; a lidar's have the scans left out, too."""
+    """Returns the entries of `dataset` on a recording: number of scans, for a lidar also of scans left out, and duration."""
     left_out = {"left_out": recording.left_out} if isinstance(recording, LidarRecording) else {}
     return {"revolutions": len(recording), **left_out, "duration_s": recording.duration_s}
 

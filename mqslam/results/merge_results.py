@@ -83,8 +83,8 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     """Returns how uncertain the recordings' alignment is, by the standard deviations [m] of keyframes.
 
-    There is one for each keyframe relative to each other recording. The result holds their median, their maximum, and the
-    share of them that is small enough to search for changes; all three are None if no standard deviation is known.
+    A keyframe has a standard deviation relative to each of the other recordings. The result holds the median and the maximum
+    of all these, and the share that is small enough to search for changes; all three are None if none is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]
@@ -143,7 +143,8 @@ def format_links(merged: Merged) -> str:
     """Returns the links between the recordings of a merge as CSV.
 
     Each row names two keyframes by recording and stamp, and holds the pose of the later keyframe in the frame of the earlier
-    keyframe [m, m, rad], its covariance, the matched share, psi of the link and before and after it, and the residual.
+    keyframe [m, m, rad], its covariance, the matched share, psi of the link, psi per point of its two
+    passes before and after the graphs are optimised as one, and the residual.
     """
     keyframes = merged.kept.keyframes
 

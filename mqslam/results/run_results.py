@@ -282,7 +282,7 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns how gyroscope, GNSS and chirps are used, and how far each moves the trajectory ([m] RMS; rad at its end).
+    """Returns how gyroscope, GNSS and chirps are used, how far each moves the trajectory [m] (RMS) and turns its end [rad].
 
     The entry of a missing sensor is None; the distance and the angle are None if they are not known.
     """
