@@ -287,7 +287,7 @@ def _decide(
 
     The first rule that holds decides. (1) Most scans lie in a gap of the trajectory: undecided. (2) The scans contradict the
     speed: torn, whatever the inflation. (3) Almost no point is seen twice, even in the best map: undecided. (4) Otherwise:
-    as the inflation shows.
+    as `audit_windows` has judged the inflation.
     """
     decided = []
     for window, speed in zip(windows, speeds, strict=True):

@@ -158,8 +158,8 @@ def _chance_of_agreement(
     return min(TORN_INFLATION * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
 
 
-# A revisit is sure only if the score of the next best pose is worse by this many standard deviations of the difference
-# between the two scores. Otherwise one of several places that look alike could be the best by chance.
+# A revisit that agrees with no series is sure only if the score of the next best pose is worse by this many standard
+# deviations of the difference between the scores. Otherwise one of several places that look alike could win by chance.
 _RIVAL_SIGMAS = 3.0
 # Fewest pairs of neighbouring revisits from which the usual error of a revisit is estimated.
 _REVISIT_FEWEST = 10

@@ -56,7 +56,8 @@ class SpeedCheck:
     Args:
         error: (3,) mean velocity that corrects the trajectory's motion, in the frame of the later scan [m/s, m/s, rad/s].
         sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
-            capture range, the scans must also fit clearly worse where the trajectory places them.
+            capture range, the scans must also fit clearly worse where the trajectory places them, for another reason than
+            the pattern of a lidar's beams.
     """
 
     error: se2.Array

@@ -90,7 +90,7 @@ class Cause(IntEnum):
     """What may be wrong with a trajectory or a recording. The order of the members decides the diagnosis.
 
     A member above JUMP also explains the faults of all members below it, so the topmost one found becomes the diagnosis.
-    From JUMP on, the members do not explain one another: the gravest finding comes first, then the order of the members.
+    From JUMP on, the members do not explain one another: the gravest finding wins; of several, the first member.
     """
 
     NO_POSES = auto()

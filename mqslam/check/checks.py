@@ -160,8 +160,8 @@ def check_recording(
         settings: all settings.
         beam: the sensor's errors.
         notes: what a user should know about how the recording was understood.
-        progress: called with the number of polar scans that were read, and the number of polar scans to read; anew for the
-            check of the ranges, which reads stretches of its own.
+        progress: called with the numbers of polar scans that were read, and that are to be read. Both start anew
+            for the check of the ranges, which reads stretches of its own.
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)

@@ -193,7 +193,7 @@ class FollowedStretches:
         psi: (R,) psi per point of R scans, which are all but the first `START_SCANS - 1` of each stretch that could be
             tracked; NaN for a scan without points.
         psi_backward: (R,) psi per point of the same scans if the azimuths of all scans are in the opposite order.
-        shortage: why there are too few values to decide a check, as a text for the user.
+        shortage: what to tell the user if there are too few values to decide a check.
     """
 
     steps: Steps

@@ -64,7 +64,8 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         frontend: name of the front end that measures motions between scans, or path of a Python file with a front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
-        extrinsics: where the radar sits on the vehicle, as for `run`.
+        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or
+            metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
         config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped
             configuration; None takes the settings that the map was made with.
         format: layout of the recording; None guesses it.

@@ -34,8 +34,8 @@ def optimise_file(
 
     Returns:
         The paths `graph` and `out`; the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph; `error_before`
-        and `error_after`, each the sum over all factors of half the squared residual, in standard deviations, or of the
-        robust loss in its place if the factor has one, as GTSAM computes it; and `left_out`, the number of factors that a
+        and `error_after`, GTSAM's error of the graph: the sum over all factors of half the squared residual in standard
+        deviations or, for a factor with a robust loss, of this loss; and `left_out`, the number of factors that a
         .g2o file cannot hold, because they are not edges between poses.
 
     Raises:

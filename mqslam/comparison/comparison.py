@@ -41,7 +41,7 @@ class Comparison:
         rows: front ends and given trajectories, including those that failed.
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
-        psi_across: psi per point across passes, by the rows' names, see `measure_rows_across`.
+        psi_across: psi per point across passes, by the rows' names, at the places that the best row passes twice.
         compared: number of scans that every row covers, on which the rows are judged.
         places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
         stations: places spread evenly over time. The crops at these places come next in `JudgedRow.crops`.

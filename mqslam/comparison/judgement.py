@@ -102,7 +102,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans, left_out: int = 0) -> S
         left_out: number of scans that are left out because the sensor had hardly moved.
 
     Raises:
-        EstimationError: these scans are fewer than the scans of one window.
+        EstimationError: fewer scans are covered by all rows than a window takes.
     """
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())

@@ -203,7 +203,7 @@ def draw_world(
     """Draws maps and paths from above as PNG files, which share their extent, their scale and the shades for point density.
 
     Args:
-        drawings: content of each picture, all with the same named curves: the first picture's names are every legend's.
+        drawings: content of each picture; all need the same named curves, since every legend has the first picture's names.
         shape: least and greatest ratio of a picture's height to its width.
         view: part of the world that is shown; None shows everything that is drawn.
         is_small: whether the pictures are small squares without ticks.

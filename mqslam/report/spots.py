@@ -284,7 +284,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
 
 
 def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns all torn places and all undecided windows, in the order of their ends, which are later passes for revisits.
+    """Returns all torn places and all undecided windows, in the order of their ends; a revisit ends with its later pass.
 
     Args:
         sweeps: the points that were judged.

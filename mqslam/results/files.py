@@ -60,7 +60,7 @@ def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds warnings about files that could not be written to a summary and its file, and to run.log if it lies beside it.
+    """Adds warnings, each about a file that is missing, to a summary, its JSON file, and the run.log beside it, if any.
 
     Args:
         path: the summary's JSON file; nothing is written if there are no warnings.

@@ -44,7 +44,7 @@ def summarise(
         localised: poses of the scans in the map, with their statuses.
         recording: the recording that was localised.
         map: path that the map was read from.
-        made: the map: its keyframes and places.
+        made: keyframes and places of the map.
         frontend: name of the front end.
         runtime_s: runtime of each stage [s].
         warnings: warnings that a reader must know before the numbers.

@@ -81,7 +81,7 @@ def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[
 def allow_for_turns(
     variances: NDArray[np.float64], steps: se2.Array, places: Sequence[int], misses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the variances (N, 3) of steps, enlarged by the errors of their yaw that the scans show.
+    """Returns the variances (N, 3) of steps, enlarged for those steps at which the scans show an error of the yaw.
 
     Wheels measure turns on the spot badly, so one variance does not fit all steps. The yaw may go wrong anywhere within a
     step, so the end of the step may be off to a side as if the whole step were turned.
@@ -165,7 +165,7 @@ def _register_scan(shared: Shared, place: int) -> Registration | None:
 def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
     """Returns psi's changes of yaw between successive scans, as ties that leave the position unknown.
 
-    Single scans show the yaw better than odometry does. Along corridors they do not show the position, which is not used.
+    Single scans show the yaw better than odometry does. They do not show the position along corridors, so it is not used.
 
     Args:
         pairs: registrations of scans on the scans before them.
@@ -212,7 +212,7 @@ def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
 
 
 def keep_plausible(ties: Sequence[Tie], chain: se2.Array, variances: NDArray[np.float64]) -> list[Tie]:
-    """Returns the ties whose difference to the steps is explained by the errors of the tie and of the steps.
+    """Returns the ties whose difference from the chained steps is explained by the errors of the tie and of the steps.
 
     If these errors explain only the yaw of a tie, the tie is returned with its yaw alone. Scans of a corridor also fit
     elsewhere along the corridor, but at no other angle.

@@ -125,8 +125,8 @@ def mend(
         progress: called as scans are registered.
 
     Returns:
-        The best result of all rounds by `rank`, even if the given one is better; the pose of the first scan stays as given.
-        Without any round if the given trajectory passes or shows nothing to mend.
+        The best result of all rounds by `rank`, even if the given trajectory is better; the pose of the first scan stays as
+        given. If the given trajectory passes or shows nothing to mend, there is no round, and it is the result.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.

@@ -79,7 +79,7 @@ def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
 
 
 def explain_few_spans(spans: Sequence[Registration], sweeps: Sweeps) -> str:
-    """Returns in words why the spans of a map are too few, and whether a longer drive has more; "" if they are enough."""
+    """Returns in words why a map has too few spans, and how long a drive with enough spans is; "" if there are enough."""
     if len(spans) >= SPAN_FEWEST:
         return ""
     span_m = fit_to_reach(sweeps)

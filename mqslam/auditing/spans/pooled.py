@@ -95,7 +95,7 @@ def predict_offsets(
     Args:
         spans: N spans.
         twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
-        bias: (3,) bias of the trajectory as in `Pooled` [m/m, m/m, rad/m].
+        bias: (3,) motion per metre that the trajectory lacks: forward, left, yaw [m/m, m/m, rad/m].
         lever: lever arm of the sensor, or None.
         delay: delay of the trajectory's stamps, or None.
     """

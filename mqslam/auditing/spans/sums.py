@@ -105,7 +105,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 def _follow(
     first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
 ) -> Iterator[list[SpanAudit]]:
-    """Yields the chains of successive spans that begin with `first`, for each of `LENGTHS_M`, until no span follows closely.
+    """Yields for each of `LENGTHS_M` the chain of successive spans from `first` on; stops where no span follows closely.
 
     Args:
         first: first span of the chains.
