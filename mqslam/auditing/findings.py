@@ -158,7 +158,7 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off: by more than chance explains, `doubt_m` and 2 `jump_m`."""
+    """Returns whether only a few scans at a step are off: farther than chance explains, `doubt_m` and 2 `jump_m`."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
@@ -371,7 +371,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
 
 
 def _describe_worst(torn: Sequence[WindowAudit]) -> str:
-    """Describes the worst of the torn windows, and says how many are torn only by their speed; "" without torn windows."""
+    """Describes the worst window that is torn by its correction, and counts those torn only by speed; "" without any."""
     by_speed = sum(window.by_speed for window in torn)
     bent = max((window for window in torn if not window.by_speed), key=lambda window: window.bend.size_m, default=None)
     worst = "" if bent is None else f", the worst by {bent.bend.size_m:.2f} m {describe_times(bent.t0, bent.t1)}"

@@ -95,7 +95,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns how far to search after `span_s` [s]: up to the largest error of speed or `gate_m` [m], and in yaw [rad]."""
+    """Returns how far to search for errors of speed over `span_s` [s]: in position (at most `gate_m`) [m] and yaw [rad]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 

@@ -25,7 +25,7 @@ WINDOWS_FAIL = 0.2
 
 
 class VerdictStatus(StrEnum):
-    """The possible verdicts on a map, whether a run or an audit gives them."""
+    """The verdicts on a map that a run or an audit can give."""
 
     PASS = "pass"
     WARN = "warn"

@@ -119,7 +119,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             file, or the name of a shipped configuration; None takes the defaults. With a lidar's recording or cloud, lengths
             that suit rooms take the place of defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         mend: whether to correct the trajectory by the findings, write the corrected trajectory as mended.tum, with the

@@ -30,7 +30,7 @@ def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET
     """Detects the returns of a recording, as a run does.
 
     Returns that lie at the same place of the radar's own frame in most scans are left out, since they show the vehicle. The
-    command `mqslam score` keeps them, since it reads only its window, so its psi may differ from that of `mqslam.score`.
+    command `mqslam score` reads only one window and cannot leave them out, so its psi may differ from `mqslam.score`.
 
     For a planar lidar, the result is what a run uses, not what was measured: scans are left out where odometry shows no
     motion, and the returns are points at equal distances along the surfaces that the lidar saw.

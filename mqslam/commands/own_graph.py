@@ -47,7 +47,7 @@ class PsiFactors(list[Stated]):
 
     Args:
         pairs: each factor with the measurement that it states: the pose of its second key in the frame of its first key.
-        scans: scans of the recording; `loop_factors` and `refine` take them, and need not detect them again.
+        scans: scans of the recording; with these, `loop_factors` and `refine` need not detect the returns again.
         config: all settings, with the Doppler shift that was used, so that it need not be measured again.
         chained: (N, 3) pose of every scan in the frame of the first scan, by the measurements alone [m, m, rad].
         scan_keys: (N,) key of every scan.
@@ -124,8 +124,8 @@ def psi_factors(
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
     A run with the same odometry, without loops and other sensors, has the same factors, and therefore the same optimum. A
-    run's covariances also contain the error of the radar's scale, which all its lengths share. These factors do not contain
-    it, because errors of factors are independent. Gyroscope and GNSS are not used: their factors are left to the user.
+    run's covariances also contain the error of the radar's scale, which all lengths share. These factors do not contain it,
+    since GTSAM takes errors of factors as independent. Gyroscope and GNSS are not used: their factors are left to the user.
 
     A scan is measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one
     scan is placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors

@@ -87,7 +87,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
-        strict: whether a polar scan that cannot be read is an error instead of being left out.
+        strict: whether a fault of the recording, such as a polar scan that cannot be read, is an error instead of a warning.
         resume: whether an unfinished run at `out` is continued.
         force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.

@@ -159,7 +159,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
     """Returns the table of a comparison as text for people.
 
     Columns without values are left out. Psi per point of the whole map has no column, because a worse map may have a smaller
-    value: it mostly compares scans that follow each other.
+    value: psi of a whole map mostly compares scans that follow each other.
 
     Args:
         summary: content of compare.json.
