@@ -455,8 +455,8 @@ def judge_revisits(
         revisits: revisits of the map in the order of time.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
-        path_m: length of the path [m] if sums of spans were measured and none is torn, which limits the drift that could
-            hide; otherwise None.
+        path_m: length of the path [m] if sums of spans limit the drift that could hide; None if there are no sums, or any
+            of them is torn.
     """
     sure = [r for r in revisits if r.sure]
     if not sure:

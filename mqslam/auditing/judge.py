@@ -112,7 +112,7 @@ class Known(NamedTuple):
     """What is known about a trajectory besides its poses.
 
     Args:
-        stated: covariances of one pose relative to another that the trajectory itself states, by the numbers of the two
+        stated: covariances that the trajectory itself states for one pose relative to another, by the numbers of the two
             sweeps; None if it states none.
         place: returns the points under other poses, to test whether the trajectory is mirrored; None omits this test.
         sensors: findings of other sensors about the trajectory.

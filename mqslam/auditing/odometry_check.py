@@ -25,7 +25,7 @@ _FEWEST: Final = 5  # fewest pairs of poses whose speeds show a scale
 # A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip change it by a few percent.
 _WRONG_SCALE: Final = 0.1
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
-_SAME_UNIT: Final = 0.1  # a ratio within this share of a unit shows it: the scale of wheels or range bins may be off, too
+_SAME_UNIT: Final = 0.1  # a ratio this near to a unit, by share, shows the unit: scales of wheels or bins may be off, too
 
 
 def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, stated: OdometryConfig) -> list[Finding]:

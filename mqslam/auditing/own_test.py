@@ -17,7 +17,8 @@ def load_test(path: Path) -> MapTest:
     """Loads from a Python file the `MapTest` that the file defines, with its function `judge`.
 
     Raises:
-        ConfigError: the file is missing, cannot be imported, defines no or several such tests, or repeats a test's name.
+        ConfigError: the file is missing, cannot be imported, defines no or several such tests, or gives the test a name that
+            one of mqslam's own tests has.
     """
     if not path.is_file():
         raise ConfigError(f"test {path}: there is no such file; check the path")

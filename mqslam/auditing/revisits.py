@@ -179,8 +179,8 @@ class RevisitAudit:
         torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
         p_value: probability that a good map has an offset this large at any revisit; NaN if the revisit is not sure, or if
             the map has too few revisits to show their usual error.
-        stated_covariance: (3, 3) covariance of the later pose relative to the earlier pose that the trajectory itself
-            states; None if it states none.
+        stated_covariance: (3, 3) covariance that the trajectory itself states for the later pose relative to the earlier
+            pose; None if it states none.
         excused: whether only the stated covariance keeps the passes from being torn.
     """
 
@@ -268,7 +268,7 @@ def audit_revisits(
         limits: settings of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
-        stated: covariances of one pose relative to another that the trajectory itself states; None if it states none.
+        stated: covariances that the trajectory itself states for one pose relative to another; None if it states none.
     """
     pairs = find_revisit_pairs(*shared[:2])
     registered = engine.map(_register_pair, shared, pairs, count_items(progress, "revisits", len(pairs)))

@@ -119,7 +119,7 @@ class Finding:
     Args:
         status: the verdict that the test alone would give.
         reason: what was found, how much and where.
-        judged: whether the test could judge anything; a test that could not counts as passed.
+        judged: whether the test could judge anything; a test that could judge nothing counts as passed.
         p_value: probability that a good map shows a fault this large anywhere; None if the test computes no p-value.
         cause: the cause that would explain the finding; None if no cause is known.
         explanation: the cause in words, and how to correct it; empty without a cause.

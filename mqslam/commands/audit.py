@@ -511,8 +511,8 @@ def detect_radar(
         The recording with its scans, the trajectory, the settings with the Doppler shift, and the faults of the recording.
 
     Raises:
-        MqslamError: a scan cannot be read, the recording carries no trajectory of that name, or the trajectory covers fewer
-            than two scans.
+        MqslamError: most scans cannot be read, the recording carries no trajectory of that name, or the trajectory covers
+            fewer than two scans.
     """
     odometry = carry_to_radar(recording.odometry, recording.mount)
     carried = {ODOMETRY: odometry, "ground_truth": recording.ground_truth}

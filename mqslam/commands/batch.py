@@ -285,7 +285,7 @@ def _describe_outcome(order: Order, outcome: RunOutcome) -> str:
 
 
 def _list_absent(order: Order) -> list[Path]:
-    """Returns the paths of a run's recording and of its sensors' files that do not exist on this machine."""
+    """Returns which of a run's files (the recording and the files of sensors) do not exist on this machine."""
     files = [Path(choice) for choice in (order.odometry, order.imu, order.gnss) if choice not in CHOICES]
     return [path for path in (order.data, *files) if not path.exists()]
 

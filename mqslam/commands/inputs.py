@@ -185,7 +185,7 @@ def read_extrinsics(given: Sequence[float] | str | None) -> tuple[Extrinsics | N
     For None, both results are None.
 
     Raises:
-        ConfigError: the text does not hold three numbers, or a number is beyond 100 m or 360 degrees.
+        ConfigError: there are not exactly three numbers, or a number is beyond 100 m or 360 degrees.
     """
     if given is None:
         return None, None

@@ -53,7 +53,7 @@ def prepare_lidar(
 
 
 def warn_of_idle(settings: Config) -> list[str]:
-    """Returns a warning that names the settings given for a lidar's recording that only radars use; no warning for none."""
+    """Returns a warning for a lidar's recording that names the given settings that only radars use; [] if there are none."""
     idle = [f"sensor.{name}" for name in _OF_RADARS if getattr(settings.sensor, name) is not None]
     idle += [name for name, *_ in list_changes(Config(), settings) if name.startswith("detector.")]
     return [f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"] if idle else []

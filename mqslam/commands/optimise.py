@@ -42,7 +42,7 @@ def optimise_file(
         ConfigError: the output has an unknown suffix.
         DataError: a file cannot be read.
         EstimationError: the graph has no optimum.
-        OutputError: the output exists, or cannot be written.
+        OutputError: the output exists and may not be replaced, or cannot be written.
     """
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: has an unknown suffix; give an output that ends in one of {', '.join(_SUFFIXES)}")

@@ -43,7 +43,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
     Raises:
         ConfigError: the file has another suffix.
         DataError: the folder holds no trajectory, or a damaged file.
-        OutputError: the file exists already, or cannot be written.
+        OutputError: the file exists and may not be replaced, or cannot be written.
     """
     if not isinstance(result, Result):
         result = read_result(result)

@@ -98,7 +98,7 @@ def write_compare_page(
 
 
 def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
-    """Ranks rows by `find_best`: a row's rank is 1 plus the number of rows that were found to be better before it.
+    """Ranks rows by repeated use of `find_best`: the rank of a row is 1 plus the number of rows that are better.
 
     Args:
         rows: rows that ran.
@@ -376,7 +376,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns a sceptic's questions and the answers: who judges, by which tests, what if ground truth disagrees, and why."""
+    """Returns a sceptic's questions and the answers: who judges, by what, what if ground truth disagrees, why a verdict."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "

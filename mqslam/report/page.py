@@ -121,7 +121,7 @@ class Explorer:
     Args:
         notes: lines for the reader; the first line stands below the heading, a click unfolds the others.
         has_charts: whether there are curves over time.
-        colours: values that can colour the points: the title of the values by their name.
+        colours: title of each kind of values that can colour the points, by the name of the values.
         data: data for the page's script, as JSON that is safe inside HTML.
         still: parts with pictures, which the page shows where the script cannot run.
     """

@@ -352,7 +352,7 @@ def chart_path(run: Run, truth: Trajectory | None, left_out: int = 0) -> Section
     Args:
         run: the run.
         truth: ground truth in any fixed frame; None without ground truth.
-        left_out: number of scans that are left out.
+        left_out: number of scans that are left out because the sensor had hardly moved.
     """
     if len(run.optimised) < 2:
         return None

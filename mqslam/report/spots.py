@@ -221,7 +221,7 @@ def _spot_of_pair(
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
-    """Returns whether a page may list both of two places, because they differ in kind or are far apart along the path.
+    """Returns whether a page may list both of two places: only if they differ in kind or are far apart along the path.
 
     Two windows must also have at least one sweep between them.
     """

@@ -271,7 +271,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns a line for each finding of a test that could judge nothing, and for each reason why windows are undecided.
+    """Returns a line for each finding of a test that could not judge, and for each reason why windows are undecided.
 
     Args:
         audit: judgement of the map.

@@ -265,7 +265,7 @@ def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
-    """Returns the standard deviations of the last pose relative to the first pose, along and across the last pose's heading.
+    """Returns the standard deviations of the last pose relative to the first: along and across its own heading, and in yaw.
 
     `prior_share` is the share of the position's variance that comes from the prior of the ranges' scale; 0 if GNSS measures
     the scale. The result is None if the covariance of the last pose is not known.
@@ -303,7 +303,7 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
 
 
 def _summarise_use(use: GyroscopeUse | FixUse | VelocityUse) -> dict[str, Any]:
-    """Returns the entries that all sensors have in common: the source, whether it is used, and sentences for people."""
+    """Returns the entries that all sensors have in common: source, whether readings are used, sentences for people."""
     return {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
 
 
@@ -322,7 +322,7 @@ def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
 
 
 def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
-    """Returns the entry on a gyroscope: how it is used, and, if they are known, the parameters of its rotations."""
+    """Returns the entry on a gyroscope: how it is used, and its calibration if there is one."""
     numbers = _summarise_use(use) | {"factors": 0 if use.edges is None else use.edges.count}
     return numbers | ({} if use.rotation is None else _list_rotation(use.rotation))
 

@@ -30,7 +30,8 @@ from mqslam.core.measurement import Loop
 from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.progress import Progress, count_items
 
-_LINE_MISS: Final = 0.2  # by definition: a line fitted to a random walk misses this share of its variance at the ends
+# By definition: variance of the error at either end of a line that is fitted to a random walk, as a share of the walk's.
+_LINE_MISS: Final = 0.2
 _ANYWHERE_M2: Final = 1e6  # numerical: variance of an unknown position [m^2]
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
 

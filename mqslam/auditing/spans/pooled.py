@@ -2,7 +2,7 @@
 
 A small error of a trajectory's scale, direction of travel or yaw (a bias) is small in every span, so no single span shows
 that it matters. But all spans along the drive agree on it. The lever arm is the position of the sensor relative to the point
-that the trajectory describes. It matters only in turns: a turn by the rotation matrix R moves a sensor with the lever arm l
+that the trajectory describes. The arm matters only in turns: a turn by the rotation matrix R moves a sensor with the arm l
 by l - R^T l more than this point. Late stamps (a delay) matter where the speed or the rate of turn changes.
 """
 

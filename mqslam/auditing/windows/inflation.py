@@ -2,7 +2,8 @@
 
 psi of two places cannot be compared, so every window is compared with its own best map. A constant twist is added to the
 trajectory's motion through the window, and psi is minimised over the twist. The inflation is the square of the best twist in
-units of its covariance. Where the trajectory is right, it is a chi-square with three degrees of freedom.
+units of its covariance. If the trajectory is right, this square has a chi-square distribution (three
+degrees of freedom).
 """
 
 from __future__ import annotations
@@ -183,7 +184,7 @@ def _psi_best(bend: Bend) -> float:
 
 
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
-    """Returns N points of a window in the frame of the sensor at its middle, and times (N,) from this middle, in sweeps."""
+    """Returns N points of a window in the sensor's frame at the window's middle, and times (N,) since then, in sweeps."""
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)
 

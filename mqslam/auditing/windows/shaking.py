@@ -1,8 +1,8 @@
 """Finds shaking: poses that jump to and fro from scan to scan. Smoothing such poses makes the map crisper.
 
 Other tests do not see shaking: the correction of a window is one twist, and registrations of several scans average the
-shaking out. Where a trajectory is right, smoothing removes true motion and blurs the map. It makes the map crisper only
-where every pose has an error of its own.
+shaking out. Where a trajectory is right, smoothing removes true motion and blurs the map. Smoothing makes the map crisper
+only where every pose has an error of its own.
 """
 
 from __future__ import annotations
