@@ -119,7 +119,7 @@ def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
 def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns a covariance (Q, Q) that is large along given directions and zero across them.
 
-    One standard deviation along a direction reaches to where the first variable has changed by its span.
+    One standard deviation along a direction ends as soon as any variable has changed by its span.
 
     Args:
         directions: (K, Q) directions that psi does not observe; if there are none, the covariance is zero.
@@ -127,7 +127,7 @@ def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) ->
     """
     spread = np.zeros((len(spans), len(spans)))
     for direction in directions:
-        length = np.min(spans / np.maximum(np.abs(direction), 1e-12))  # until the first variable reaches its span
+        length = np.min(spans / np.maximum(np.abs(direction), 1e-12))  # until any variable reaches its span
         spread += np.outer(direction, direction) * length**2
     return spread
 
@@ -164,7 +164,7 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 def _find_positive(
     matrix: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns eigenvalues (Q,), raised to the rounding error or more, and eigenvectors (Q, Q) of matrix / scale (Q, Q)."""
+    """Returns eigenvalues (Q,), at least as large as the rounding error, and eigenvectors (Q, Q) of matrix / scale."""
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
     return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
 

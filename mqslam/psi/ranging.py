@@ -146,7 +146,7 @@ def measure_on_stretches(
 
 
 def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
-    """Returns the indices of the first scans of up to 24 stretches, with enough path and no missing scan; none overlap."""
+    """Returns the first scan's index of each of up to 24 stretches with enough path, no missing scan and no overlap."""
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
@@ -160,7 +160,7 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
 
 
 def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _StretchErrors | None:
-    """Measures the errors on one stretch; returns None without returns, or if psi does not curve upward everywhere."""
+    """Measures the errors on one stretch; None without returns, or if psi does not curve upward in every direction."""
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
     returns = Returns.concatenate([scan.returns for scan in scans])
@@ -256,7 +256,7 @@ class Stretch:
 
 
 def _combine(shown: Sequence[_StretchErrors]) -> RangeErrors:
-    """Combines the errors of all stretches to their mean, weighted by information; stretches far from it count for less."""
+    """Averages the errors of all stretches, weighted by information; stretches with errors far from the mean weigh less."""
     errors, information = np.array([one.errors for one in shown]), np.array([one.information for one in shown])
     inverse = np.linalg.inv(information)
     covariances = inverse @ np.array([one.spread for one in shown]) @ inverse

@@ -8,7 +8,7 @@ The query minus the kappa-weighted centroid of its selected neighbours is one of
 query's, plus the weighted mean of the neighbours', plus the square of a blur along x and y (`Kernel.blur`). With
 d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and psi = sum S^2. A point without a
 selected neighbour is charged c^2, the most that a matched point can cost, so that maps without overlap are never the best.
-(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, with L^2 times the slope of d^2.)
+(With S = L d as in (10), far offsets would cost less than near ones. L d^2 always grows with d: L^2 times as fast as d^2.)
 
 The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0, where J is the derivative of e by the state.
 The derivative of these equations must take into account that neighbours are selected again as a point moves. The centroid
@@ -125,12 +125,12 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PsiEvaluation:
-    """The score of N points, with its derivatives by the Q variables of a state: all of them belong to psi / 2.
+    """The score of N points, psi, and the derivatives of psi / 2 by the Q variables of a state.
 
     Args:
         shares: (N,) each point's part of psi, which is the charge for a point without a selected neighbour.
         matched: (N,) bool, whether each point has a selected neighbour.
-        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share; zero without such a neighbour.
+        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share; zero for unmatched points.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
         curvature: (Q, Q) curvature that accounts for the re-selection of neighbours as points move, made symmetric.
     """
@@ -330,7 +330,8 @@ def add_up_neighbours(
 ) -> None:
     """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are processed in blocks. Every candidate is written to the block's arrays, as in `list_near`.
+    Queries are processed in blocks. Every candidate is written to the arrays of the block, and the next one overwrites any
+    that is too far away: an unpredictable branch would cost more.
 
     Args:
         x: (N, 2) positions of the queries [m].

@@ -3,8 +3,8 @@
 The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
 pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
 by their appearance. A loop is kept if the trajectory does not rule it out, if it agrees with its neighbours, and if it does
-not clearly increase psi of its two passes. Walls alone join two passes of a lidar across a corridor; free space then places
-these passes along it.
+not clearly increase psi of its two passes. Where two passes of a lidar show only the walls of a corridor, a loop joins them
+across the corridor, and free space then places them along it.
 """
 
 from __future__ import annotations
@@ -232,9 +232,10 @@ class CandidateScore(NamedTuple):
 
     Args:
         loop: the loop; None unless psi confirms it and the trajectory allows it.
-        ambiguous: whether the passes match at several places that the trajectory allows.
+        ambiguous: whether the passes match at several places in reach of the search, or free space shows another place.
         implausible: whether the passes match only at a place that the trajectory rules out.
-        along: (2,) direction along which the loop says nothing, as in an `Alignment`; None if there is none.
+        along: (2,) unit vector, in the frame of the earlier scan, along which the loop says nothing about the position; None
+            if there is no such direction.
     """
 
     loop: Loop | None = None
@@ -300,8 +301,9 @@ def _place_openly(
         openly: the loop, the direction (2,), and the pose of the loop's later scan as the trajectory states it.
 
     Returns:
-        The loop, and whether free space shows its place along the direction. If free space does not, or if the trajectory is
-        too uncertain, the loop has the pose with the lowest psi near the trajectory's place, if the trajectory allows it.
+        The loop, and whether free space shows its place along the direction. If free space shows no place, the loop has the
+        pose with the lowest psi near the trajectory's place. If the trajectory is too uncertain, or rules out this pose, the
+        loop is returned unchanged.
     """
     (drive, estimator, beam), (loop, along, chain) = shared, openly
     reach_m = _find_reach(chain, along)
@@ -319,7 +321,7 @@ def _place_openly(
 
 
 def _find_reach(chain: Relative, along: NDArray[np.float64]) -> float:
-    """Returns how far [m] along a direction (2,) the later pass may lie from where the trajectory has it."""
+    """Returns how far [m] along a direction (2,) the later pass may lie from its place in the trajectory."""
     return max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
 
 
@@ -352,7 +354,7 @@ def confirm_by_map(
 
 
 def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Returns whether a loop lowers psi of its two passes, or raises it by no more than the factor _KEPT allows."""
+    """Returns whether psi of a loop's two passes is lower with all loops than without loops, or hardly higher (`_KEPT`)."""
     drive, after, estimator, beam = shared
     before_psi, after_psi = score_loop((drive, [drive.poses, after], estimator, beam), loop)
     return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
@@ -446,10 +448,10 @@ class LoopCloser:
         return out_of_reach
 
     def _place_open_loops(self) -> bool:
-        """Places the passes of loops along the directions about which the loops say nothing, where free space shows it.
+        """Places loops along the directions about which they say nothing, where free space shows the place.
 
         Returns:
-            Whether some loop was placed and some are left.
+            Whether some of these loops were placed and others are left.
         """
         unplaced = [loop for loop in self.loops if (loop.earlier, loop.later) in self._open]
         if not unplaced:
@@ -558,7 +560,7 @@ class LoopCloser:
         return new
 
     def _optimise(self) -> Chain:
-        """Returns the trajectory, optimised with the loops found so far; the first one replaces a missing `before`."""
+        """Returns the trajectory, optimised with the loops found so far; the first result replaces a missing `before`."""
         graph, optimum = self._solve(self.loops)
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
@@ -582,8 +584,8 @@ def find_loops(
 ) -> LoopSearch:
     """Searches for the loops of a run with a `LoopCloser`.
 
-    Loops by recognition bring further places within reach of the search around the trajectory. The two alternate, at most
-    `ROUNDS` times, until no place is out of reach or recognition adds no loop.
+    Loops by recognition bring further places within reach of the search around the trajectory. Search and recognition
+    alternate, at most `ROUNDS` times, until no place is out of reach or recognition adds no loop.
 
     Args:
         scans: scans of the recording.

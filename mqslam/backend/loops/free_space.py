@@ -131,7 +131,7 @@ def find_way_along(
 def contradicts(
     earlier: Beams, later: Beams, pose: se2.Array, along: NDArray[np.float64], reach: tuple[float, float]
 ) -> bool:
-    """Returns whether free space rules out where two passes lie along a direction.
+    """Returns whether free space rules out where two passes lie along a direction, and fits another place in reach better.
 
     Passes in opposite headings see few of the same ends of walls, which may match by chance. Then each pass blocks beams of
     the other one, and at the right position along the direction hardly any beam is blocked.
@@ -187,7 +187,8 @@ def place_along(
         cluster_m: size of an object [m].
 
     Returns:
-        The loop with the position that free space shows; None if it shows none, as `find_way_along` explains it.
+        The loop with the position that free space shows; None if several positions fit about as well, or if the best one
+        lies at the end of the reach.
     """
     found = find_way_along(earlier, later, loop.pose, along, reach, cluster_m)
     if found is None:

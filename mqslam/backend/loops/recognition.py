@@ -1,4 +1,4 @@
-"""Recognises places by their appearance: finds the place that a submap shows, without knowing roughly where it lies.
+"""Recognises places by their appearance: finds the place that a submap shows, wherever the submap lies in the map.
 
 A place is described by the counts of returns in rings and sectors around it. psi registers a submap on the places that look
 most like it. A single place may match another one by chance, but several successive submaps hardly match successive places
@@ -218,7 +218,7 @@ def _choose_likeliest(
         likeness: (P,) correlation of the submap with each place.
         asides: (P,) how far to the left of the submap's centre its descriptor fits each place best [m].
         yaws: (P,) yaw of the submap in the frame of each place [rad].
-        apart: as for `PlaceIndex.look_up`.
+        apart: for each place, the indices of the places that show the same returns, with itself among them.
     """
     chosen: list[Guess] = []
     left = likeness.copy()
@@ -359,8 +359,8 @@ def _find_agreeing(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Finds which of the given pairs agree with each other.
 
-    Each pair places its later scan in the map. Two pairs agree if the motion between their later scans is the same there and
-    in the drive. Pairs with the same later scan, or with more than `_GAP_M` of path between, are not compared.
+    Each pair places its later scan in the map. Two pairs agree if the motion between their later scans is nearly the same in
+    the map as in the drive. Pairs with one later scan, or with more than `_GAP_M` of path between theirs, are not compared.
 
     Args:
         pairs: the pairs, in the order of their later scans.
@@ -406,7 +406,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses the match with the lowest psi of each submap that fits at only one pose.
+    """Chooses one match, the one with the lowest psi, for each submap that fits at only one pose.
 
     Args:
         matches: matches, each with whether no other pose around its place fits about as well.

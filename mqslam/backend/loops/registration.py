@@ -200,10 +200,10 @@ def find_least_shown(points: PointSet) -> NDArray[np.float64]:
 def measure_matched_information(
     references: References, points: PointSet, along: NDArray[np.float64], config: EstimatorConfig
 ) -> float:
-    """Returns which share of what the points show of their place along a direction is shown by matched points.
+    """Returns the share of matched points in the information that all points hold about their place along a direction.
 
-    Two passes of one corridor match along its walls wherever they lie along the corridor. Only the few points that show the
-    place along it tell whether the passes match there; they hardly change the share of the points that match.
+    The walls of two passes of one corridor match wherever the passes lie along the corridor. Only the few points that show
+    the place along the corridor tell whether this place is right, and so few hardly change the share of matched points.
 
     Args:
         references: fixed points.
@@ -212,7 +212,7 @@ def measure_matched_information(
         config: settings of the score.
 
     Returns:
-        The share, from 0 to 1. A point shows a direction by one over its variance along it.
+        The share, from 0 to 1. The information of a point is one over its variance along the direction.
     """
     xx, xy, yy = points.covariances.T
     x, y = along
@@ -238,10 +238,10 @@ def align_passes(
         guess: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.
-        on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`); the share MATCHED must then also
-            match of what the points show of the direction that they show least.
-        partly: whether passes on surfaces are registered even if they do not show their place along that direction; the
-            registration then says nothing about it, and `along` is this direction.
+        on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`). The passes then match only if,
+            along the direction that the points show least, `measure_matched_information` is at least MATCHED, too.
+        partly: whether passes on surfaces are registered even if they do not show their place along that direction, which is
+            then the registration's `along`.
 
     Returns:
         The registration; None if a submap has too few returns, if the two do not match, or if the pose is too uncertain.
@@ -272,8 +272,8 @@ def _leave_open(
 ) -> Alignment | None:
     """Returns a registration that says nothing about the position along a direction.
 
-    Along the direction the best pose is one of chance, and it may be far from the guess. The pose with the lowest psi near
-    the guess is taken in its place.
+    Along the direction, the place of the best pose is a matter of chance, and may be far from the guess. The pose with the
+    lowest psi near the guess is taken instead.
 
     Args:
         references: the reference submap in its own frame.

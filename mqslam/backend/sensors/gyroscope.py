@@ -170,7 +170,8 @@ def measure_rate_noise(
     Args:
         gyroscope: readings of the gyroscope.
         axis: number of the gyroscope's axis that is the radar's vertical: 0 for x, 1 for y, 2 for z.
-        residuals: (N,) the front end's turns minus the gyroscope's, with scale and clock corrected [rad]; NaN where unknown.
+        residuals: (N,) the front end's turns minus the gyroscope's, corrected for scale and clock but not for the bias
+            [rad]; NaN where unknown.
         times: (N + 1,) starts of the scans [s].
         drift: random walk of the yaw of the front end's map [rad/sqrt(s)].
         most_walk: largest walk of the bias in a second [rad/s]; it is assumed if the recording is too short to show less.
@@ -253,7 +254,7 @@ class Rotation(NamedTuple):
         scale_sigma: standard deviation of the scale [1].
         delay_s: how late the gyroscope's clock is [s].
         delay_sigma_s: standard deviation of the delay [s].
-        bias: mean bias of the rate that is corrected by sign and scale [rad/s].
+        bias: mean bias that the rate has after the correction by sign and scale [rad/s].
         noise: noise of the rate.
     """
 
@@ -336,7 +337,7 @@ class TurnEdges:
         turns: (N,) turns with sign and clock corrected [rad]; NaN for unknown turns.
         lasts: (N,) durations of the turns [s].
         sigmas: (N,) standard deviations of the turns [rad].
-        knots: (N,) number of the bias that applies to each turn.
+        knots: (N,) index of the bias that applies to each turn.
         walks: (K - 1,) standard deviations of the change from each of K biases to the next [rad/s].
         bias, scale_error: starting values of the optimisation [rad/s], [1].
     """
@@ -355,7 +356,7 @@ class TurnEdges:
         return int(np.isfinite(self.turns).sum())
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds the variables c0 .. of bias and scale error, their prior, and the factors of their walk and of the turns.
+        """Adds variables c0 .. of bias and scale error, a prior of c0, and factors of the walk of these and of the turns.
 
         Args:
             graph: the graph of the N + 1 scans.
@@ -494,7 +495,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope as edges; where a turn contradicts the front end, its sigma is the difference."""
+    """Returns the turns of a gyroscope as edges; the sigma of a turn that contradicts the front end is its residual."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2

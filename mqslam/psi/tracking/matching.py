@@ -115,7 +115,8 @@ class Matcher:
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) [m, m, rad] in which a scan can shift at its start without psi observing it.
 
-        K is 0 where psi observes every direction. Gauss-Newton's information along each direction is 1, not its length.
+        K is 0 where psi observes every direction. The directions are no unit vectors: each has a Gauss-Newton information
+        of 1.
 
         At the widest scale, dense traffic can make a direction seem unobserved, although the scan shows it at the final
         scale. Shifts of the scan along such a direction are therefore scored at the final scale. If psi is clearly lower at
@@ -162,7 +163,7 @@ class Matcher:
 
         Returns:
             The best match, and whether another place in the map fits the scan about as well. If `tuning.sees_part` is set,
-            matches are compared as in `_choose_by_shared`, and the second value is always False.
+            matches are compared by the points that they share (`_choose_by_shared`), and the second value is always False.
         """
         ranked, size_m = self._rank_poses(scan, predicted, into)
         tried = pick_apart(ranked, self.matching)

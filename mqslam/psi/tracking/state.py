@@ -375,7 +375,7 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces a belief's motion by another (5,), as in `State.motion`, with a covariance (5, 5) independent of the pose."""
+    """Replaces a belief's motion by one (5,) as in `State.motion`, whose covariance (5, 5) has no terms with the pose."""
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance

@@ -56,7 +56,8 @@ class Track:
 
         Raises:
             EstimationError: there are fewer than two scans.
-            FewReturnsError: no two scans in a row hold enough returns, without a gap unless odometry bridges it.
+            FewReturnsError: no two scans in a row hold enough returns and have no gap between them that odometry does not
+                bridge.
         """
         first = _find_start(self._scans, self._tracker)
         self._start(first)

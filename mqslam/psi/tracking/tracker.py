@@ -271,9 +271,9 @@ class Tracker:
         """Measures the first scans of a map again, and makes the map anew from the scans at their new poses.
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
-        scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. If a
-        scan does not match there, the motions between this scan, all earlier scans and the next scan stay as they were first
-        measured. A guided tracker changes nothing.
+        scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. Once a
+        scan does not match, or psi does not observe every direction, the motions from the first scan to this one and to the
+        next one stay as they were first measured. A guided tracker changes nothing.
 
         Args:
             scans: scans of the map so far.
@@ -331,7 +331,7 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _look_around(self, scan: Scan, minimum: Minimum) -> Minimum:
-        """Looks for a match near the last match's pose, as odometry may have jumped; returns `minimum` if none is found."""
+        """Looks for a match near the last match's pose, in case odometry jumped; returns `minimum` if none is found."""
         still = guide(self._last.belief, np.zeros(3), scan.t0 - self._last.t0)
         here = self._matcher.minimise(scan, still.mean, still.prior, self._map)
         found, _ = self._matcher.search(scan, still, self._map, here)
@@ -393,7 +393,7 @@ class Tracker:
         return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
     def _miss(self, scan: Scan, predicted: Belief, evaluation: PsiEvaluation) -> Tracked:
-        """Returns the prediction, without accelerations, as the result of a lost scan, whose best match has this psi."""
+        """Returns the prediction, without accelerations, as the result of a lost scan, with the given evaluation of psi."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self.is_guided else 0.0)
         return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, evaluation, Status.LOST)
