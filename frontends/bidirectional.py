@@ -199,11 +199,11 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 def _join_motions(
     forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float, is_guided: bool
 ) -> Measurement:
-    """Joins two measurements of one motion. Which ones are used depends on whether both scans were matched (`on_map`).
+    """Joins two measurements of one motion, each of which is on the map if both of its scans were matched (`on_map`).
 
-    If both have both scans matched, the result is their mean; if only one has, this one; if neither has, `_average_alike`
-    if `is_guided`, else `_intersect`. A direction that is still returning to its
-    right position is not used, unless the other direction is returning, too.
+    If both measurements are on the map, the result is their mean. However, if only one of the two directions is still
+    returning to its right position, the result is the measurement of the other direction. If only one measurement is on the
+    map, this one is the result. If neither is, `_average_alike` joins them if `is_guided`, else `_intersect`.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:

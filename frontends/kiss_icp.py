@@ -40,7 +40,8 @@ class KissIcpFrontEnd(MatchingFrontEnd):
     with the slowest motion that fits about as well as the best. Nothing is taken from psi except the radar's Doppler shift,
     which is removed from the ranges with the help of the last motion.
 
-    KISS-ICP deskews a scan to the scan's end, where the next scan begins; without deskewing, its pose is that at half time.
+    KISS-ICP deskews a scan to the scan's end, where the next scan begins. Without deskewing, the pose that KISS-ICP finds is
+    the pose at half the scan's duration.
 
     Raises:
         ConfigError: the YAML file of KISS-ICP's own settings is missing or invalid.

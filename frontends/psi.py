@@ -85,7 +85,8 @@ class PsiFrontEnd:
         """Tracks a recording as a whole, forward and backward in parallel; each forward motion is previewed at once.
 
         Returns:
-            The motions between successive scans, measured forward and measured backward; None as in `turn_back`.
+            The motions between successive scans, measured forward and measured backward; None where no backward motion
+            connects the starts of both scans.
         """
         context = self._context
         forward: Motions = []
@@ -101,7 +102,7 @@ class PsiFrontEnd:
             return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Tracks segments on the engine; previews and returns motions as `_track_at_once`, but after each segment only."""
+        """Tracks segments on the engine; returns motions like `_track_at_once`, and previews them segment by segment."""
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
@@ -176,8 +177,8 @@ def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
 def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
     """Returns the motions from a matched scan through the scans after it.
 
-    If the last scan is matched and the scans before it were lost, the lost scans get the poses of a constant twist between
-    the two matched scans, in place of their predicted poses.
+    If the last scan is matched, or a new map begins with it, and the scans before it were lost, the lost scans get the poses
+    of a constant twist between the first scan and the last, in place of their predicted poses.
     """
     steps = [begin, *then]
     if then and then[-1].is_found:
@@ -245,8 +246,9 @@ def _estimate_unsteadiness(
 ) -> NDArray[np.float64]:
     """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model does not explain.
 
-    The variance is zero for a lost motion, whose covariance is large anyway. With fewer than `_UNSTEADY_LEAST` jumps around
-    a motion, part of it comes from the process noise: the usual change of acceleration (x, yaw) or sideways speed (y).
+    The variance is zero for a lost motion, whose covariance is large anyway. If there are fewer than `_UNSTEADY_LEAST` jumps
+    around a motion, part of its variance is taken from the process noise: the usual change of acceleration (x, yaw) or of
+    sideways speed (y).
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

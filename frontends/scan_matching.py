@@ -203,7 +203,7 @@ NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins 
 
 
 def keep_strongest(scan: Scan, share: float) -> Scan:
-    """Returns a scan with the strongest `share` (0..1] of its returns, and with those that are as strong as the weakest."""
+    """Returns a scan with the strongest `share` (0..1] of its returns, and any others as strong as the weakest of these."""
     count = int(np.ceil(share * len(scan.returns)))
     if count == len(scan.returns):
         return scan

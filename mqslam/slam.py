@@ -214,9 +214,9 @@ class Slam:
         return measurements
 
     def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
-        """Joins odometry and the other sensors to the front end's motions, after multiplying their distances by a factor.
+        """Joins odometry and the other sensors to the front end's motions, whose distances are first multiplied by a factor.
 
-        The factor is a possible scale of the ranges. If the sensors cannot be joined, only odometry is.
+        The factor is a possible scale of the ranges. If the other sensors cannot be joined, only odometry is.
         """
         settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
         motions = [scale_measurement(motion, factor) for motion in measurements]

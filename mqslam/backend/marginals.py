@@ -30,7 +30,7 @@ class PoseCovariances:
     """Marginal covariances of some poses.
 
     Args:
-        indices: (K,) numbers of the scans whose poses they are; empty if the covariances cannot be computed.
+        indices: (K,) numbers of the scans to which the poses belong; empty if the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
         failure: why the covariances cannot be computed; None if they are computed.
     """
@@ -62,7 +62,7 @@ class PoseCovariances:
 
 
 def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovariances:
-    """Computes the covariances of all poses of scans in their own frames, given all factors.
+    """Computes the covariance of each scan's pose in the pose's own frame, given all factors.
 
     Args:
         graph: the graph; its poses must be planar, and its factors may also involve other variables.

@@ -114,11 +114,11 @@ class LoopSearch:
     Args:
         loops: the loop closures that were found, which enter the graph.
         tried: number of pairs of scans that were compared.
-        ambiguous: number of compared pairs that match at several places that the trajectory allows.
+        ambiguous: number of compared pairs that match at several places, or at one that free space contradicts.
         implausible: number of compared pairs that match only at a place that the trajectory rules out.
         unsure: number of further pairs that were not compared, because their relative pose is too uncertain for the
             search to cover.
-        alike: number of submaps in which places were looked for, and that match several places about equally well.
+        alike: number of submaps that the recognition of places looked up, and that fit several poses about equally well.
     """
 
     loops: list[Loop]

@@ -211,7 +211,7 @@ class LidarRecording(Recording):
         odometry: Trajectory | None,
         notes: tuple[str, ...],
     ) -> Self:
-        """Makes a recording from its scans, with the durations that follow from their stamps, and the fields given."""
+        """Makes a recording of scans with the given fields; the duration of each scan follows from the scans' stamps."""
         turns_us = _measure_turns(scans)
         return cls(path, format, scans.stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
 

@@ -159,7 +159,7 @@ class ScanStore:
 class Scans(Sequence[Scan]):
     """The scans of a recording, or some of them in order; the input of every stage.
 
-    Returns that another program has detected become `Scans(tuple(scans), start_us, revolution_s)`, one scan per turn.
+    If another program has detected the returns, make one `Scan` per turn, and `Scans(tuple(scans), start_us, revolution_s)`.
 
     Args:
         scans: the scans.

@@ -134,7 +134,7 @@ def adjoint(pose: ArrayLike) -> Array:
 
 
 def rotate_covariance(covariance: Array, yaw: float) -> Array:
-    """Converts a covariance (3, 3) of x, y, yaw from a frame to the frame in which the first has the yaw `yaw` [rad]."""
+    """Converts a covariance (3, 3) of x, y, yaw from one frame to another, in which the first frame has yaw `yaw` [rad]."""
     turn = adjoint([0.0, 0.0, yaw])
     outside = turn @ covariance @ turn.T
     return np.asarray(0.5 * (outside + outside.T))

@@ -175,8 +175,8 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
 
     Returns:
         How late the stamps are [s], negative if early: the delay that makes the two spans overlap most, once it is removed.
-        None if even then they overlap by less than half of the shorter span, or if the delay is shorter than a span: long
-        stamps that begin a little after a short recording need not be late.
+        None if even then they overlap by less than half of the shorter span, or if the delay is no longer than the longer
+        span: stamps that begin a little after a recording, and last longer than this delay, need not be late.
     """
 
     def share(late_s: float) -> float:
@@ -232,7 +232,7 @@ class Georeference:
     pose: se2.Array
 
     def carry(self, frame: se2.Array) -> Georeference:
-        """Returns the georeference of the map in a new frame, where the old frame has the pose `frame` (3,) [m, m, rad]."""
+        """Returns the georeference of the map in a new frame, in which the old one has the pose `frame` (3,) [m, m, rad]."""
         return Georeference(self.plane, se2.compose(self.pose, se2.inverse(frame)))
 
     def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

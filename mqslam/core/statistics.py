@@ -51,7 +51,7 @@ def find_trimmed_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     long as they are fewer than half of all places.
 
     Args:
-        squares: (N, 3), as for `find_usual_scale`.
+        squares: (N, 3) squared offset of each place along x, y and yaw, each divided by its variance.
     """
     from scipy.stats import chi2  # here, since it loads half of SciPy and every command imports this module
 

@@ -69,7 +69,7 @@ def scale_refined(refined: Refined, factor: float) -> Refined:
 
 
 def scale_settings(config: Config, factor: float) -> Config:
-    """Returns settings with all lengths and speeds multiplied by a factor; a setting that is None stays None."""
+    """Multiplies all lengths and speeds of settings by a factor, except properties of the sensor and settings of None."""
     changed = {}
     for name, section in config:
         values = {key: factor * value for key, value in _list_lengths(name, section).items()}

@@ -88,7 +88,7 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on the Doppler shift, the sensors in use and the radar's mount and ranges, and `_doubt_sensors`'s.
+    """Returns notes on the Doppler shift, the sensors in use, the mount and the ranges, and any warning of `_doubt_sensors`.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 

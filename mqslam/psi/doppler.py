@@ -142,7 +142,8 @@ def _choose_stretches(scans: Scans) -> list[Scans]:
 def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> float:
     """Returns the vertex [s] of the parabola through the lowest of the scores (B,) on a grid (B,) [s] and its neighbours.
 
-    The vertex is moved into the grid; if the parabola does not open upward, the grid's lowest point replaces it.
+    A vertex outside of the grid is moved to the grid's end. If the parabola does not open upward, the result is the point of
+    the grid with the lowest score.
     """
     k = int(np.clip(np.argmin(scores), 1, len(scores) - 2))
     below, here, above = scores[k - 1 : k + 2]

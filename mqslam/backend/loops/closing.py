@@ -232,7 +232,7 @@ class CandidateScore(NamedTuple):
 
     Args:
         loop: the loop; None unless psi confirms it and the trajectory allows it.
-        ambiguous: whether the passes match at several places in reach of the search, or free space shows another place.
+        ambiguous: whether the passes match at several places in reach of the search, or at one that free space contradicts.
         implausible: whether the passes match only at a place that the trajectory rules out.
         along: (2,) unit vector, in the frame of the earlier scan, along which the loop says nothing about the position; None
             if there is no such direction.

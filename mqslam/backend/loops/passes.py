@@ -1,6 +1,7 @@
 """Renders submaps from scans under a trajectory, and finds pairs of scans in which two passes may show the same place.
 
-A submap holds the returns of some scans around a central scan. The pose graph's submaps (`backend.submaps`) are others.
+A submap holds the returns of some scans around a central scan. It has nothing to do with the submaps of the pose graph
+(`backend.submaps`).
 """
 
 from __future__ import annotations

@@ -334,14 +334,14 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns extra variances (N, 3) [m^2, m^2, rad^2] of motions: zero where noise explains how the front end disagrees.
+    """Returns extra variances (N, 3) [m^2, m^2, rad^2] of motions: zero where noise explains the residuals.
 
     Slipping wheels, for instance, cause errors larger than noise, and in one direction. If the sum of the residuals of a
     span is larger than noise explains, each motion of the span gets an equal share of the square of this sum. A motion in
     several such spans gets the largest of its shares.
 
     Args:
-        residuals: (N, 3) residuals as for `measure_noise`.
+        residuals: (N, 3) the radar's motions minus the calibrated odometry's [m, m, rad]; NaN where they are not converged.
         measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2].
         noise: (3,) variances of the noise of a motion [m^2, m^2, rad^2].
         longest: number of motions in the longest span.

@@ -129,7 +129,7 @@ class FixEdges:
     origin: se2.Array
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds the tangent plane's poses e0 .., with factors between these poses and scans, and between successive ones."""
+        """Adds the tangent plane's poses e0 .., with factors between poses and scans, and between successive poses."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             graph.factors.push_back(gnss_position(E(j), X(k), pose, self.noise.white_m))
         for j, walk_m in enumerate(self.walks_m.tolist()):
@@ -184,7 +184,7 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Counts the jumps in optimised values of a graph; returns the use with their number, or refuses too many jumps."""
+        """Counts the fixes that jump in optimised values, and states their number; refuses all fixes if too many jump."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)

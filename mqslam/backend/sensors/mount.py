@@ -1,9 +1,9 @@
 """Estimates the pose of the radar on the vehicle from odometry, compares it with the stated pose, and describes it in words.
 
 The radar and the vehicle turn by the same angle. Since the front end measures this angle far more accurately than wheel
-odometry, the front end's yaw is used for both. Turns show the position of the radar: a radar ahead of the point whose motion
-odometry reports moves sideways in a turn, and a radar to the left of this point moves slower in a left turn. Any drive shows
-the radar's yaw, since the vehicle moves along its own x axis. The point whose motion wheel odometry reports is usually
+odometry, the front end's yaw is used for both. Turns show the position of the radar relative to the point whose motion
+odometry reports: a radar ahead of the point moves sideways in a turn, and a radar to the left of it moves slower in a left
+turn. Any drive shows the radar's yaw, since the vehicle moves along its own x axis. The point of wheel odometry is usually
 halfway between the rear wheels. If the tyres slip sideways in fast turns, the estimate of this point shifts.
 
     travel of the radar = rotation by minus the mount's yaw (scale * travel of the vehicle + swing of the mount's position)

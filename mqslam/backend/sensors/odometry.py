@@ -55,8 +55,8 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, since
-            the gyroscope is counted already.
+        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, which
+            itself is counted among the sensors that turn the other way.
         where: words for the number of seconds in which the odometry contradicts the radar.
     """
 
@@ -289,7 +289,7 @@ def _find_confirmed(
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) of motions, whose sum over a stretch is the square of the sum of `sigmas` over the stretch.
+    """Returns variances (N, 3) of motions; their sum over a stretch is at least the square of the sum of its `sigmas`.
 
     Args:
         sigmas: (N, 3) standard deviations [m, m, rad] of motions by errors that are common to all motions.

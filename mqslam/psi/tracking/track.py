@@ -101,7 +101,10 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Tries to go on from one of the last lost scans; returns the number of the scan after it, or else k + 1."""
+        """Tries to go on from a lost scan shortly before scan k; returns the number of the next scan to track.
+
+        That is the scan after this lost scan if the track goes on from there, else scan k + 1.
+        """
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
