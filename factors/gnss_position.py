@@ -1,4 +1,4 @@
-"""Factors of GNSS fixes: positions in a tangent plane of the Earth, whose pose in the map is a variable of the graph."""
+"""Factors of GNSS fixes: positions in a tangent plane of the Earth; the plane's pose in the map is a graph variable."""
 
 from __future__ import annotations
 

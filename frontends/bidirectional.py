@@ -125,7 +125,7 @@ def join(
     *,
     is_guided: bool = False,
 ) -> list[Measurement]:
-    """Joins motions measured in both directions of time, and scales their covariances by how far the directions differ.
+    """Joins motions measured in both directions of time; scales covariances by how far forward and backward motions differ.
 
     Only the part of a covariance that psi's curvature shows is scaled, since only this part comes from errors of matches.
 

@@ -82,7 +82,7 @@ class RangeScale:
         )
 
     def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
-        """Returns the scale that other sensors show if it contradicts this scale; else this scale, and states theirs.
+        """Returns the scale that other sensors show if it contradicts this scale; else this scale, with theirs stated.
 
         Args:
             shown: the scale error that other sensors still show after the ranges have been multiplied by the factor.

@@ -89,7 +89,7 @@ class Engine(Protocol):
             function: the function to call.
             shared: the function's first argument.
             items: the function's second arguments, one per call.
-            done: as for `map`.
+            done: as for `map`, with None as the result of a crashed call.
             started: called in this process, in any of its threads, when the call for an item starts, with the item's number
                 (0, 1, ...); called again if a worker of a cluster died and the call starts again.
         """

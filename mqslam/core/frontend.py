@@ -148,8 +148,8 @@ class FrontEnd(Protocol):
     """Measures the relative motions between scans.
 
     A front end that does not find every motion may be run a second time: (1) with a gyroscope's yaw rates, if its class
-    attribute `takes_turning` is true and the gyroscope agrees with its motions; (2) without odometry, if that contradicts
-    them.
+    attribute `takes_turning` is true and the gyroscope agrees with the motions found; (2) without odometry, if the odometry
+    contradicts these motions.
     """
 
     def __init__(self, context: Context) -> None: ...

@@ -74,7 +74,7 @@ class Returns:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start].
+    """The returns of one revolution of the radar; their times lie in [t0, t1) [s since the recording's start].
 
     Raises:
         ValueError: t0 or t1 is not a finite number, t1 is before t0, or `returns` are not of class `Returns`.

@@ -39,7 +39,7 @@ def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
     A corrected p-value is the probability that a good map shows a p-value as small as this one at any of the places.
 
     Args:
-        p_values: p-values of single places; NaN for a place that was not judged, which is not counted.
+        p_values: p-values of single places; NaN for places that were not judged, which do not count.
     """
     return np.minimum(np.count_nonzero(np.isfinite(p_values)) * p_values, 1.0)
 
@@ -95,7 +95,7 @@ _FINE = 44  # low bits of a float64 that do not count when numbers are sorted in
 
 
 def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
-    """Returns the median of the numbers in all blocks, which must not be negative; NaN without any number.
+    """Returns the median of the numbers (0 or more) in all blocks; NaN without any number.
 
     The blocks are read twice: first to count the numbers in each step (bin), then to sort the numbers in the steps
     around the median. A step holds all numbers with the same leading bits, and larger numbers are in later steps.

@@ -131,7 +131,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
 
 
 def _choose_stretches(scans: Scans) -> list[Scans]:
-    """Chooses up to four stretches of up to twelve scans, spread over the recording, whose scans all hold enough returns."""
+    """Chooses up to four stretches, spread over the recording, of up to twelve scans that all hold enough returns."""
     length, count = _STRETCH_SCANS, _STRETCHES
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]

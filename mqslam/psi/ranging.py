@@ -3,14 +3,14 @@
 A wrong range offset displaces an object along the ray, and a wrong Doppler shift displaces it along the direction of travel,
 in proportion to the speed. While the radar passes the object, these displacements change, so that both errors blur the map
 in ways that no motion can undo. Short stretches of the recording are rendered under the run's trajectory. psi is minimised
-over a state that holds the offset, the shift and a correction of the trajectory, which is linear between a few points in
-time (knots). The Schur complement of the curvature removes the correction, and leaves the information that the stretch
-holds about the two errors.
+over a state that holds the offset, the shift and a correction of the trajectory that is linear between a few points in time
+(knots). The Schur complement of the curvature removes the correction, and leaves the information that the stretch holds
+about the two errors.
 
 psi cannot show a wrong length of the range bins, which scales map and motion alike. Nor can psi show a constant angle
 between the first azimuth and straight ahead, which only rotates the whole map. Objects with depth, such as hedges, are seen
-behind their surface, and walls at a slant in front of their surface. This changes the offset that psi shows, as a true
-offset does. The standard deviation of the offset therefore includes a tenth of a metre for such objects.
+behind their surface, and walls at a slant in front of their surface. To psi, this looks like a range offset. The standard
+deviation of the offset therefore includes a tenth of a metre for such objects.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class _StretchErrors:
 def measure_range_errors(
     scans: Scans, poses: se2.Array, estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> RangeErrors | None:
-    """Measures range offset and Doppler shift on stretches of a recording, which are rendered under its trajectory.
+    """Measures range offset and Doppler shift on stretches of a recording; each is rendered under the given trajectory.
 
     Args:
         scans: scans of the recording.
@@ -138,7 +138,7 @@ def measure_on_stretches(
 ) -> RangeErrors | None:
     """Measures range offset and Doppler shift from given stretches, like `measure_range_errors`.
 
-    A stretch is K successive scans and their start poses (K, 3) as x, y [m], yaw [rad]. Paths below 10 m are left out.
+    A stretch is K successive scans with their start poses (K, 3) as x, y [m], yaw [rad]; it counts if its path has 10 m.
     """
     moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
     shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]

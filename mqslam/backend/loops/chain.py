@@ -72,7 +72,7 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """The layout uncertainty of the submaps of an earlier and a later pass, as the module's docstring explains it.
+    """The uncertainty of the layouts of two submaps: of the poses of their scans in the frames of their central scans.
 
     Args:
         earlier, later: (3, 3) covariance of the error of each submap as a whole, in the submap's own frame [m, m, rad].

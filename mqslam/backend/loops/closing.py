@@ -116,7 +116,7 @@ def find_candidates(
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
-    A pair is a candidate if the distance of its scans, minus `_SIGMAS` standard deviations of it, is so short that both
+    A pair is a candidate if the distance of its scans, minus `_SIGMAS` of its standard deviations, is so short that both
     passes see the same objects. Only the nearest `_PASSES` earlier passes of a later scan are taken, each with its nearest
     scan. A pair is left out if it or a neighbouring pair has been tried.
 
@@ -381,7 +381,7 @@ def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam]
 
 
 class LoopCloser:
-    """Searches for loops that psi confirms, that fit the trajectory and neighbouring loops, and hardly worsen the map.
+    """Searches for loops that psi confirms, that fit the trajectory and neighbouring loops, and that hardly worsen the map.
 
     Args:
         problem: the trajectory to which loops are added.

@@ -133,8 +133,8 @@ def contradicts(
 ) -> bool:
     """Returns whether free space rules out where two passes lie along a direction, and fits another place in reach better.
 
-    Passes in opposite headings see few of the same ends of walls, which may match by chance. Then each pass blocks beams of
-    the other one, and at the right position along the direction hardly any beam is blocked.
+    Passes in opposite headings see few of the same ends of walls, so these passes may match at a wrong position by chance.
+    There, each pass blocks beams of the other one, whereas at the right position hardly any beam is blocked.
 
     Args:
         earlier: beams of the earlier submap.

@@ -194,8 +194,8 @@ def widen_along_surfaces(points: PointSet) -> PointSet:
 
     A scan's beams hit a wall at other spots in every pass, and close together where the wall is near the sensor. Points that
     count alike in all directions pull a pass to where such dense parts of the same wall cover each other. A widened point
-    of a wall says where the wall is, and nothing about the place along it; this is shown by the ends of walls, by doors and
-    by pillars. The spread along the surface is the larger eigenvalue of the scatter of the points around a point, minus the
+    of a wall says where the wall is, and nothing about the place along the wall. That place is shown by ends of walls, doors
+    and pillars. The spread along the surface is the larger eigenvalue of the scatter of the points around a point, minus the
     smaller eigenvalue. A point that stands alone keeps its covariance.
 
     Args:

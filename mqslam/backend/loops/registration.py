@@ -50,7 +50,7 @@ class Alignment:
         rival: psi per point at the best other minimum in the searched region, farther away from the pose than
             `compute_same_m`; infinite if there is none.
         observed: whether the submaps determine the pose in every direction.
-        rivals: (R, 3) those of the other minima that fit about as well as the best pose [m, m, rad]: their psi is less than
+        rivals: (R, 3) poses of other minima that fit about as well as the best pose [m, m, rad]: their psi is less than
             RIVAL times as large, or larger only by chance. Empty if rivals were not asked for.
         along: (2,) unit vector in the reference's frame, if the submaps show the pose except for its position along this
             direction; None if they show the whole pose.
@@ -203,7 +203,7 @@ def measure_matched_information(
     """Returns the share of matched points in the information that all points hold about their place along a direction.
 
     The walls of two passes of one corridor match wherever the passes lie along the corridor. Only the few points that show
-    the place along the corridor tell whether this place is right, and so few hardly change the share of matched points.
+    the place along the corridor tell whether this place is right, and these few hardly change the share of matched points.
 
     Args:
         references: fixed points.

@@ -1,6 +1,6 @@
 """Calibrates a sensor other than the radar: finds its systematic errors and its noise by the front end's motions.
 
-Only converged motions are used, which have the status CONVERGED. Other motions may be predictions by the sensor itself.
+Only motions with the status CONVERGED are used. Other motions may be predictions by the sensor itself.
 Systematic errors are the same in all motions. For the motion of odometry between two scans they are modelled as
 
     motion of the radar = motion of odometry + design (3, 7) @ parameters (7,) + noise

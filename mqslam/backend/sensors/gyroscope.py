@@ -356,7 +356,7 @@ class TurnEdges:
         return int(np.isfinite(self.turns).sum())
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds variables c0 .. of bias and scale error, a prior of c0, and factors of the walk of these and of the turns.
+        """Adds variables c0 .. of bias and scale error, a prior of c0, and factors between successive ones and for turns.
 
         Args:
             graph: the graph of the N + 1 scans.

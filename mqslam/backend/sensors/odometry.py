@@ -70,7 +70,7 @@ def find_odometry_fault(
 ) -> OdometryFault | None:
     """Finds out how odometry contradicts the turns of the front end's converged motions.
 
-    Returns None if the two do not contradict each other, or if too few motions turn to show this.
+    Returns None if the two do not contradict each other, or if too few motions turn enough to show a contradiction.
 
     Args:
         odometry: poses of the odometry, which cover the recording.

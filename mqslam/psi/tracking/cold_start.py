@@ -41,7 +41,7 @@ _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
 
 @dataclass(frozen=True, slots=True)
 class FirstMotion:
-    """The motion of a few scans, found from these scans alone or, by a tracker that is guided by odometry, taken from it.
+    """The motion of a few scans: found from these scans alone or, if odometry guides the tracker, odometry's motion.
 
     Args:
         motion: (5,) vx, vy [m/s], omega [rad/s], ax [m/s^2], alpha [rad/s^2] at the first scan. In directions that psi does

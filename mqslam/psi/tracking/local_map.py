@@ -72,7 +72,7 @@ class _Keyframe:
 
 
 class LocalMap:
-    """The latest keyframes in the order of time, whose poses stay fixed while scans are matched to their points.
+    """The latest keyframes, in the order of time. Their poses stay fixed while scans are matched to their points.
 
     Args:
         tuning: states how many keyframes the map holds, and how far apart they are.

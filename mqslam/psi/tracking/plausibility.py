@@ -66,7 +66,7 @@ class Usual:
 
 
 class PredictionErrors:
-    """The errors of the last scans' predictions, which decide at which step of the annealing the next match begins.
+    """The errors of the last scans' predictions; these errors decide at which annealing step the next match begins.
 
     Among vehicles that keep pace with the sensor, the motion of these vehicles explains many returns. A search that begins
     with wide widths may end at their motion; a search with narrow widths from a good prediction does not.
