@@ -87,7 +87,7 @@ class ReversedScans(Sequence[Scan]):
         """Converts motions that were measured backward to motions forward in time, in the order of the recording.
 
         A motion is None where no backward motion connects the starts of its two scans: at the first scan and next to a
-        pause. Between scans that were taken in one instant, no motion is None.
+        pause. If each scan was taken in an instant, no motion is None.
 
         Args:
             backward: the N - 1 motions between the N scans, the last one first.

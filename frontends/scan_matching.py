@@ -336,7 +336,7 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 
 
 def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
-    """Returns a new track that begins with the twist over the first scan, and the match of this scan to the next scans.
+    """Returns (1) a new track that begins with the twist over the first scan, (2) the match of this scan to the next ones.
 
     If there is odometry, the twist of the odometry is the first guess. Otherwise several speeds are tried, because a matcher
     that starts at rest only finds speeds up to three metres per scan. Of all speeds that fit about as well as the best one,

@@ -104,7 +104,7 @@ def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByL
         truth: ground truth.
 
     Returns:
-        The errors; None if the estimate covers less than 100 m of the true path.
+        The errors; None if the estimate covers less than 100 m of the true path, or fewer than 3 stamps of the truth.
     """
     pair = pair_poses(estimate, truth)
     segments = None if pair is None else _measure_segments(*(track.poses for track in pair))

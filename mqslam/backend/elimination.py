@@ -66,9 +66,9 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
         digits: standard deviation of this change, relative to each coefficient; zero changes nothing.
 
     Returns:
-        One block of rows for each eliminated variable; these are fewer than n if a variable is not determined. In this
-        module's notation, the block holds R in the columns of the variable itself, and then T in the columns of the
-        variables x_s, in increasing order. The block has one row per component of the variable.
+        One block of rows for each eliminated variable: fewer than n blocks if a variable is not determined. In this
+        module's notation, a block holds R in the columns of the variable itself, and then T in the columns of the
+        variables x_s, in increasing order. A block has one row per component of its variable.
     """
     count, blocks = len(widths), len(system.rows)
     pool = _make_room(system, count)
@@ -421,7 +421,7 @@ class Elimination:
 def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
     """Returns the rows of J of a linearised graph, one block per factor, without z, which does not influence covariances.
 
-    `numbers` gives each variable's position in the order of elimination by its key.
+    `numbers` gives, by the key of each variable, its position in the order of elimination.
     """
     factors = [linear.at(k) for k in range(linear.size())]
     variables = [[numbers[key] for key in factor.keys()] for factor in factors]

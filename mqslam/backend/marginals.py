@@ -164,8 +164,9 @@ _SCALE: Final = S(0)  # key of the relative error of the scale, which all distan
 def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, float]:
     """Measures the relative error of the scale, which all distances of the radar have in common.
 
-    The graph contains other sensors, and was optimised without this error. At the optimum, the derivatives of the cost by
-    all other variables are zero, so that one Gauss-Newton step from the derivative by the scale error gives the scale error.
+    The graph contains other sensors, and was optimised with a scale error of zero. At this optimum, the derivatives of the
+    cost by all other variables are zero, so that one Gauss-Newton step, from the derivative by the scale error, gives this
+    error.
 
     Args:
         graph: the graph with the other sensors; its `scale_sigma` is the prior standard deviation of the scale error.

@@ -75,7 +75,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
     """Returns the context's odometry; None if there is none, or if it contradicts the converged motions.
 
-    If the front end, by its name, is odometry itself, nothing is compared.
+    For the odometry front end, nothing is compared, and the odometry is returned.
     """
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:

@@ -148,7 +148,7 @@ class Problem(GraphProblem):
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
     def _list_apart(self) -> list[tuple[int, Measurement]]:
-        """Returns the front end's motions that belong to no submap, as pairs (number of its first scan, motion)."""
+        """Returns the front end's motions that belong to no submap, as pairs (number of the motion's first scan, motion)."""
         return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]
 
 

@@ -86,7 +86,7 @@ class RangeScale:
 
         Args:
             shown: the scale error that other sensors still show after the ranges have been multiplied by the factor.
-            factor: the factor by which other sensors multiply the ranges.
+            factor: the factor by which the ranges must be multiplied to agree with the other sensors.
         """
         said = f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar"
         if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):

@@ -168,7 +168,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
     The blur is mirrored at the edges.
 
     Args:
-        rows: (P,) rows of these pixels, column by column.
+        rows: (P,) rows of the pixels that are one, column by column.
         begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
         blur: (2 R + 1,) weights of the blur along one axis.
     """

@@ -188,8 +188,8 @@ def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool
     Args:
         one: a loop.
         other: another loop.
-        earlier: pose of the other loop's earlier scan in the frame of the first loop's earlier scan.
-        later: pose of the other loop's later scan in the frame of the first loop's later scan.
+        earlier: pose of the earlier scan of `other` in the frame of the earlier scan of `one`.
+        later: pose of the later scan of `other` in the frame of the later scan of `one`.
     """
     expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(one)), later)
     return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE

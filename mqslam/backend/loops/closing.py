@@ -416,7 +416,7 @@ class LoopCloser:
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
         self._recognised = 0  # number of pairs that the recognition of places has compared
-        self._alike: set[int] = set()  # the scans whose submaps match several places
+        self._alike: set[int] = set()  # the scans whose submaps fit several poses
         self._elsewhere: set[tuple[int, int]] = set()  # the recognised pairs that the trajectory rules out
 
     def look_around(self, *, asking: bool = False) -> bool:

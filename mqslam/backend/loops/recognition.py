@@ -360,7 +360,7 @@ def _find_agreeing(
     """Finds which of the given pairs agree with each other.
 
     Each pair places its later scan in the map. Two pairs agree if the motion between their later scans is nearly the same in
-    the map as in the drive. Pairs with one later scan, or with more than `_GAP_M` of path between theirs, are not compared.
+    the map as in the drive. Pairs whose later scans are the same, or more than `_GAP_M` of path apart, are not compared.
 
     Args:
         pairs: the pairs, in the order of their later scans.

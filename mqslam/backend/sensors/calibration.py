@@ -76,7 +76,7 @@ class SensorEdges(Protocol):
     """The factors and variables that a sensor adds to the pose graph."""
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds the sensor's factors to a graph, and the starting values of the sensor's own variables to its `initial`.
+        """Adds the sensor's factors to a graph, and starting values of the sensor's variables to the graph's `initial`.
 
         Args:
             graph: the graph of the N scans.

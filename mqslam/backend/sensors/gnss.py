@@ -113,7 +113,7 @@ class FixEdges:
     Args:
         scans: (F,) number of the scan whose pose each fix measures.
         poses: (F, 3) poses of these scans in the tangent plane: positions by the fixes, yaws by the trajectory [m, m, rad].
-        knots: (F,) number of the pose of the tangent plane that applies to each fix.
+        knots: (F,) index of the pose of the tangent plane that applies to each fix.
         noise: noise of the fixes.
         walks_m: (K - 1,) standard deviation of the change from each pose of the plane to the next [m].
         plane: the tangent plane.
@@ -158,7 +158,7 @@ class FixUse(Use[FixEdges]):
     Args:
         antenna: position of the antenna as the fixes show it; None if the position is stated, or if the fixes are not used.
         stretch: ratio of the fixes' distances to the trajectory's distances; None if another scale does not fit far better.
-        is_mirrored: whether the fixes fit the mirror image of the trajectory far better, as if they turned the other way.
+        is_mirrored: whether the fixes fit the mirror image of the trajectory far better than the trajectory.
         mistake: a sentence on the usual mistake that explains why the fixes do not fit; "" if there is none.
     """
 
@@ -184,7 +184,7 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Counts the fixes that jump in optimised values, and states their number; refuses all fixes if too many jump."""
+        """Counts the jumps under optimised values of a graph; states their number, or refuses the fixes if too many jump."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)

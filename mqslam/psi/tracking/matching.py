@@ -323,7 +323,7 @@ class Matcher:
         return ranked, float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
     def _refine(self, scan: Scan, poses: Sequence[se2.Array], predicted: Belief, into: LocalMap) -> list[Minimum]:
-        """Returns a match per pose (3,) [m, m, rad], at which the search begins with the predicted motion and a prior."""
+        """Returns one match per pose (3,) [m, m, rad]: each search begins at the pose, with predicted motion and a prior."""
         information = predicted.information
         starts = [State.of(pose, predicted.mean.motion) for pose in poses]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

@@ -99,8 +99,8 @@ class PredictionErrors:
     def choose_step(self) -> int:
         """Returns the step of the annealing at which the match of the next scan begins.
 
-        This is `Tuning.first_step`. Once enough errors are known, it is the last step from there on whose beta_s covers the
-        expected error.
+        Before enough errors are known, this is `Tuning.first_step`; then it is the last step, from `first_step` on, whose
+        beta_s covers the expected error.
         """
         tuning, matching = self._tuning, self._matching
         step = tuning.first_step

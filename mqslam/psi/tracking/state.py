@@ -210,7 +210,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations [m, m, rad] of a scan's start pose: half the last step's variance goes to each end."""
+        """(3,) standard deviations [m, m, rad] of a scan's start pose: each pose of the last step gets half its variance."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 

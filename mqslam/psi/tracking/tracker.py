@@ -153,7 +153,7 @@ class Tracker:
             scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
             begin: (3,) vx, vy [m/s], omega [rad/s] at which the minimiser starts; None searches exhaustively.
             odometry: (3,) vx, vy, omega by odometry, or None. A guided tracker takes it as the motion, and ignores `begin`.
-                Another tracker starts the minimiser from it, too, if psi does not observe every direction.
+                A tracker that is not guided starts the minimiser from it, too, if psi does not observe every direction.
 
         Raises:
             FewReturnsError: a scan holds too few returns.
