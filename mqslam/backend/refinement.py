@@ -9,7 +9,7 @@ Only passes that a loop connects are registered: the refinement makes loops more
 replaces the loops near it, since both are measured from the same returns.
 
 psi of a whole map depends mostly on returns that follow each other within seconds, and hardly shows whether two passes of a
-place lie on each other. psi across passes shows this: every pass is scored only against the points of other passes.
+place lie on each other. psi across passes shows this: a later pass is scored only against the points of earlier passes.
 """
 
 from __future__ import annotations
@@ -265,7 +265,7 @@ def _measure_scan(shared: _Shared, references: References, anchor: int, later: i
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
-    # The scan was registered on many scans of the earlier passes, but the tie names only `anchor`: its own error is added.
+    # The scan was registered on many scans of earlier passes, but the tie names only `anchor`, whose own error is added.
     lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,

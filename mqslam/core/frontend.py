@@ -115,7 +115,7 @@ class Context:
         return replace(self, config=scale_settings(self.config, factor), odometry=odometry)
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist of the odometry between two times, or None if the odometry does not cover them.
+        """Returns the mean twist of the odometry from t0 to a later t1, or None if the odometry does not cover them.
 
         The times are in seconds since the recording's start. The twist (3,) is forward and left [m/s] and yaw rate [rad/s],
         in the sensor's frame.

@@ -4,7 +4,7 @@ A frequency-modulated radar measures a wrong range to a target that it approache
 times the closing speed. In a map rendered with a wrong beta, a target that passes from ahead to behind is therefore
 displaced, and the map is blurred. The measured beta is the value that makes short stretches of the recording crispest. A
 wrong length of the range bins and a range offset bend a map in much the same way, and short stretches give inexact values.
-The measured beta is therefore combined with the usual beta of Navtech's radars, unless it clearly contradicts it.
+The measured beta is therefore combined with the usual beta of Navtech's radars, unless the two clearly disagree.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
 
 
 def _choose_stretches(scans: Scans) -> list[Scans]:
-    """Chooses up to four stretches, spread over the recording, of up to twelve scans that all hold enough returns."""
+    """Chooses up to four stretches, spread over the recording, of 4 to 12 scans that all hold enough returns."""
     length, count = _STRETCH_SCANS, _STRETCHES
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]

@@ -1,4 +1,4 @@
-"""Places two passes of a corridor along its walls by free space: where a beam of one pass went, the other saw nothing.
+"""Places two passes of a corridor along its walls by free space: where a beam of one went, the other can have seen no wall.
 
 A lidar that looks ahead sees other ends of doors and niches when it comes back through a corridor. psi then finds how the
 passes lie across the corridor, and nothing shows how they lie along it. But a niche that one pass saw to be empty cannot
@@ -63,7 +63,7 @@ class FreeSpace:
 
     @classmethod
     def of(cls, beams: Beams) -> FreeSpace:
-        """Returns the space between neighbouring beams, up to the end of the shorter beam."""
+        """Returns the space between neighbouring beams, up to the shorter beam's end, without cells that hold a return."""
         ranges = np.hypot(*(beams.ends - beams.origins).T)
         rays = (beams.ends - beams.origins) / ranges[:, None]
         (x, y), (next_x, next_y) = rays[:-1].T, rays[1:].T
@@ -162,7 +162,7 @@ def _compute_costs(earlier: Beams, later: Beams, pose: se2.Array, moves: NDArray
         (K, L + E) squared depths [m^2] of the L returns of the later submap and the E of the earlier one, after each move.
     """
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn = np.array([[c, s], [-s, c]])  # from the earlier submap's frame to the later submap's frame
+    turn = np.array([[c, s], [-s, c]])  # rows @ turn: from the later submap's frame to the earlier submap's frame
     of_later = FreeSpace.of(earlier).find_depths(later.ends @ turn + pose[:2] + moves[:, None])
     of_earlier = FreeSpace.of(later).find_depths((earlier.ends - pose[:2] - moves[:, None]) @ turn.T)
     return np.concatenate([of_later, of_earlier], axis=1) ** 2

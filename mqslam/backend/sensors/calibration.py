@@ -173,7 +173,7 @@ def make_design(
 
     Args:
         motions: two or more successive motions of the radar by odometry.
-        span: number of motions from a knot of the bias to the next one.
+        span: number of motions from a knot of the bias to the next one; it is enlarged if there would be too many knots.
         mount: (3,) pose of the radar on the vehicle [m, m, rad], with which odometry was converted to motions of the radar.
     """
     known = Motions.of(motions)

@@ -4,13 +4,13 @@ The delay of the receiver's clock is found from the straight-line distance that 
 distance does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes
 and turns. A drive at constant speed shows no delay, and the clock is then left as it is.
 
-Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The mean error of many
-fixes is therefore not much smaller than the mean error of a few. To measure this, residuals from the trajectory are averaged
-over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the means fall
-with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift of the
-trajectory itself in this time is attributed to the receiver. A receiver that smooths its positions seems to walk less over
-short times than over long times. If means over longer times differ by more than the walk that fits all times explains, the
-walk is therefore fitted to the longer times.
+Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The error of the mean
+of many fixes is therefore not much smaller than the error of a single fix. To measure this, residuals from the trajectory
+are averaged over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the
+means fall with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift
+of the trajectory itself over these fixes is attributed to the receiver. A receiver that smooths its positions seems to walk
+less over short times than over long times. If means over longer times differ by more than the walk that fits all times
+explains, the walk is therefore fitted to the longer times.
 
 While the vehicle turns, the antenna moves around the radar. This shows in the differences of successive fixes, compared with
 the motions between them, because slow errors hardly change from one fix to the next. The map's pose, scale and

@@ -1,4 +1,4 @@
-"""Calibrates a gyroscope by the front end's turns, refuses it if it contradicts them, and makes edges of the pose graph.
+"""Calibrates a gyroscope by the front end's turns, refuses one that contradicts them, and makes edges of the pose graph.
 
     turn by the front end = (1 + scale error) turn by the gyroscope, with its delay corrected, - bias x time + noise
 

@@ -1,4 +1,4 @@
-"""Compares odometry with the front end's turns: refuses it if it contradicts them, else makes calibrated graph edges."""
+"""Compares odometry with the front end's turns: refuses odometry that contradicts them, or makes calibrated graph edges."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ the scan before. The start pose must be free: if it were fixed at the end of the
 would alternate in sign. A scan without a plausible match is lost.
 
 After a gap or lost scans, the scans before the gap show the motion at its start, and the scans after the gap show the motion
-at its end. Between the two, the sensor moved as the process noise allows. The scan after the gap is matched to the old map
+at its end. During the gap, the sensor moved as the process noise allows. The scan after the gap is matched to the old map
 only if the match is sure and has no rival in the whole region that the sensor may have reached.
 """
 
