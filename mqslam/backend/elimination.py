@@ -421,7 +421,7 @@ class Elimination:
 def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
     """Returns the rows of J of a linearised graph, one block per factor, without z, which does not influence covariances.
 
-    `numbers` gives, by the key of each variable, its position in the order of elimination.
+    `numbers` gives, by the key of each variable, the variable's position in the order of elimination.
     """
     factors = [linear.at(k) for k in range(linear.size())]
     variables = [[numbers[key] for key in factor.keys()] for factor in factors]

@@ -36,7 +36,7 @@ _KEPT: Final = 0.998  # share of normal noise that a trimmed scale keeps: the va
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corrects p-values (N,) of single places for the number of places (Bonferroni), and returns them (N,).
 
-    A corrected p-value is an upper bound on the probability that a good map shows so small an uncorrected one at any place.
+    A corrected p-value bounds the probability that a good map shows, at any place, one as small as the uncorrected one.
 
     Args:
         p_values: p-values of single places; NaN for places that were not judged, which do not count.

@@ -69,7 +69,7 @@ def scale_refined(refined: Refined, factor: float) -> Refined:
 
 
 def scale_settings(config: Config, factor: float) -> Config:
-    """Multiplies all lengths and speeds of settings by a factor, except properties of the sensor and settings of None."""
+    """Multiplies lengths and speeds of settings by a factor, except properties of the sensor and settings that are None."""
     changed = {}
     for name, section in config:
         values = {key: factor * value for key, value in _list_lengths(name, section).items()}

@@ -138,7 +138,8 @@ def measure_on_stretches(
 ) -> RangeErrors | None:
     """Measures range offset and Doppler shift from given stretches, like `measure_range_errors`.
 
-    A stretch is K successive scans with their start poses (K, 3) as x, y [m], yaw [rad]; it counts if its path has 10 m.
+    A stretch is K successive scans with their start poses (K, 3) as x, y [m], yaw [rad]. Stretches with a path of less than
+    10 m are left out.
     """
     moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
     shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]

@@ -5,7 +5,7 @@ distance does not depend on the pose of the map or on the drift of its heading. 
 and turns. A drive at constant speed shows no delay, and the clock is then left as it is.
 
 Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The error of the mean
-of many fixes is therefore not much smaller than the error of a single fix. To measure this, residuals from the trajectory
+of many fixes is therefore not much smaller than that of a few. To measure this, residuals from the trajectory
 are averaged over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the
 means fall with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift
 of the trajectory itself over these fixes is attributed to the receiver. A receiver that smooths its positions seems to walk

@@ -55,8 +55,8 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, which
-            itself is counted among the sensors that turn the other way.
+        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, whose
+            own way of turning is counted already.
         where: words for the number of seconds in which the odometry contradicts the radar.
     """
 

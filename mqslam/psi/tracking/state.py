@@ -210,7 +210,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations [m, m, rad] of a scan's start pose: each pose of the last step gets half its variance."""
+        """(3,) standard deviations [m, m, rad] of a scan's start pose: both poses of the last step share its variance."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 

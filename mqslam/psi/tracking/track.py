@@ -56,8 +56,8 @@ class Track:
 
         Raises:
             EstimationError: there are fewer than two scans.
-            FewReturnsError: no two scans in a row hold enough returns and have no gap between them that odometry does not
-                bridge.
+            FewReturnsError: no two scans in a row hold enough returns; scans with a gap between them count only if odometry
+                bridges the gap.
         """
         first = _find_start(self._scans, self._tracker)
         self._start(first)

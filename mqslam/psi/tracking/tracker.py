@@ -272,8 +272,8 @@ class Tracker:
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
         scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. Once a
-        scan does not match, or psi does not observe every direction, the motions from the first scan to this one and to the
-        next one stay as they were first measured. A guided tracker changes nothing.
+        scan does not match, or psi does not observe every direction, all motions up to this scan, and the motion from it to
+        the next scan, stay as they were first measured. A guided tracker changes nothing.
 
         Args:
             scans: scans of the map so far.
