@@ -1,4 +1,4 @@
-"""Divides the running map of a drive into submaps, on which scans were measured, and estimates how fast the map drifts.
+"""Divides the running map of a drive, to which scans were matched, into submaps, and estimates how fast the map drifts.
 
 A front end that matches scans to a running map makes two kinds of errors. Each scan's pose in the map has an error of its
 own; such errors do not add up along the drive. The map itself drifts as it grows; this error does add up. The graph
