@@ -250,13 +250,16 @@ def read_result(folder: Path | str) -> Result:
 
 
 def check_whole(folder: Path) -> None:
-    """Checks that a folder is not the hidden one in which a command writes its result until it is whole.
+    """Checks that a folder is not one of a command that has not ended.
 
     Raises:
-        DataError: the folder is such a hidden one.
+        DataError: the folder is the hidden one in which a command writes its result until it is whole, or it holds
+            unfinished work and no result.
     """
     if (place := find_unfinished(folder)) is not None:
         raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
+    if (folder / CHECKPOINT).is_dir() and not any((folder / name).is_file() for name in _SUMMARIES):
+        raise _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
 
 
 def _explain_missing(folder: Path) -> DataError:
@@ -265,8 +268,6 @@ def _explain_missing(folder: Path) -> DataError:
         return DataError(folder, "does not exist", "check the path")
     if not folder.is_dir():
         return DataError(folder, "is a file", _REMEDY)
-    if (folder / CHECKPOINT).is_dir():
-        return _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
     inner = next(iter(_list_results(folder)), None)
     remedy = _REMEDY if inner is None else f"give a folder in it that holds a result, such as {inner}"
     return DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", remedy)

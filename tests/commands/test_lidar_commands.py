@@ -142,8 +142,8 @@ def test_a_batch_runs_a_lidars_recording(rooms: tuple[Path, Trajectory], tmp_pat
     assert {run["name"]: idle in run["warnings"] for run in result.summary["runs"]} == {"short.log": False, "wheels": True}
     for name in ("short.log", "wheels"):
         assert len(read_tum(tmp_path / "out" / name / "trajectory.tum")) == 60
-    audited = mqslam.audit(tmp_path / "short.log", tmp_path / "audit", config={"detector": {"threshold": 60}})
-    assert audited.warnings == [f"{none}detector.threshold"]
+    audited = mqslam.audit(tmp_path / "short.log", tmp_path / "audit", config={"sensor": {"doppler_beta": 0.049}})
+    assert audited.warnings == [f"{none}sensor.doppler_beta"]
 
 
 def test_an_open_lidars_log_takes_the_method_in_memory_to_the_trajectory_of_a_run(
