@@ -71,6 +71,7 @@ def test_returns_are_those_of_a_run_and_psi_of_a_window_is_that_of_the_equations
     )
     assert score.psi == equations.score(points.points, points.times, scans.revolution_s, SETTINGS.psi).psi > 0.0
     assert mqslam.score(scans[4:7], (8.0, 0.0, 0.05)).psi == score.psi and score.shares.shape == (len(returns),)
+    assert f"psi={score.psi:g}" in repr(score) and "\n" not in repr(score)
     page = Path(__file__).parents[1] / "docs" / "reference" / "api.md"
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
     monkeypatch.chdir(drive.parent)

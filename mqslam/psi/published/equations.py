@@ -26,7 +26,7 @@ version of this module.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba as nb
@@ -42,7 +42,7 @@ ALPHA_S = 0.0
 XI = 0.02
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class PsiScore:
     """The published score of N points of a rendered window, and the parts of this score.
 
@@ -58,9 +58,13 @@ class PsiScore:
     pairs_psi: float
     charge: float
     pairs: int
-    matched: NDArray[np.bool_] = field(repr=False)
-    shares: NDArray[np.float64] = field(repr=False)
-    gradient: NDArray[np.float64] = field(repr=False)
+    matched: NDArray[np.bool_]
+    shares: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        parts = f"pairs_psi={self.pairs_psi:g}, charge={self.charge:g}, pairs={self.pairs}"
+        return f"<{type(self).__name__}, psi={self.psi:g}, {parts}>"
 
     @property
     def psi(self) -> float:
