@@ -133,7 +133,7 @@ _log = logging.getLogger(__name__)
 
 # scans under the trajectory so far; covariance (N, 3, 3) of each scan's own pose error, without drift, in the scan's frame
 # [m, m, rad]; settings of the score; the sensor's errors
-_Shared = tuple[TrackedRun, NDArray[np.float64], EstimatorConfig, Beam]
+_Setting = tuple[TrackedRun, NDArray[np.float64], EstimatorConfig, Beam]
 
 
 def refine(
@@ -229,7 +229,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
     return [loop for loop, near in zip(loops, away <= SUBMAP_M, strict=True) if not near]
 
 
-def measure_crossing(shared: _Shared, crossing: Crossing) -> list[Loop]:
+def measure_crossing(shared: _Setting, crossing: Crossing) -> list[Loop]:
     """Registers the scans of a crossing's later pass on the earlier passes; returns a tie for each scan that fits well."""
     drive, _, _, beam = shared
     references = make_references(render_scans(drive, crossing.earlier, beam))
@@ -243,7 +243,7 @@ def measure_crossing(shared: _Shared, crossing: Crossing) -> list[Loop]:
     return ties
 
 
-def _measure_scan(shared: _Shared, references: References, anchor: int, later: int) -> Loop | None:
+def _measure_scan(shared: _Setting, references: References, anchor: int, later: int) -> Loop | None:
     """Registers a scan among the references; returns a tie to the scan `anchor`, or None if the scan does not fit well.
 
     The references are returns of earlier passes, and `anchor` and `later` are the numbers of the earlier and the later scan.

@@ -14,9 +14,8 @@ from mqslam.core.wording import join_words
 from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
 
-_OF_RADARS: Final = (  # in section sensor
-    *("range_resolution_m", "range_offset_m", "doppler_beta", "clockwise", "stamp", "encoder_size"),
-)
+_OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "doppler_beta", "clockwise", "stamp", "encoder_size")
+"""Settings of section `sensor` that only radars use."""
 
 
 def prepare_lidar(

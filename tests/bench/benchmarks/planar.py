@@ -116,7 +116,8 @@ def _measure_relations(_out: Path) -> list[Row]:
         job = open_job(shared(SHARED / "data" / "planar" / f"{name}.log.gz"), Config())
         with LocalEngine(2) as engine:
             run = Slam(job.settings, job.frontend, Runner(engine)).run(job.recording, job.odometry, job.sensors)
-        ahead = _find_point(_Compared.of(run.optimised, name))
+        used = _Compared.of(run.optimised, name)
+        ahead = _find_point(used)
         whole = _Compared.of(job.recording.complete(run.optimised), name)
         lengths = np.hypot(*whole.carry(ahead)[:, :2].T)
         cells: dict[str, Cell] = {
@@ -125,7 +126,7 @@ def _measure_relations(_out: Path) -> list[Row]:
             "metres_there": float(lengths.mean()),
             "by_loops_there": float(lengths[whole.are_loops].mean()),
         }
-        rows.append(Row(cells | _judge_covariances(run, name, ahead)))
+        rows.append(Row(cells | _judge_covariances(run, used, ahead)))
     return rows
 
 
@@ -135,9 +136,8 @@ def _find_point(compared: _Compared) -> float:
     return float(found.x[0])
 
 
-def _judge_covariances(run: Run, name: str, ahead: float) -> dict[str, float]:
+def _judge_covariances(run: Run, compared: _Compared, ahead: float) -> dict[str, float]:
     """Compares the errors of relations with the run's covariances, also if the relations are those of a point ahead."""
-    compared = _Compared.of(run.optimised, name)
     covariances = Uncertainty(run.graph, run.values).relate(compared.pairs)
     nees, nees_there = (se2.normalise(compared.carry(m), covariances) / 3.0 for m in (0.0, ahead))
     return {"nees": float(nees.mean()), "nees_median": float(np.median(nees)), "nees_there": float(np.median(nees_there))}
