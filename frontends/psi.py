@@ -118,9 +118,9 @@ class PsiFrontEnd:
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
-    """Tracks a segment of the scans in `shared`, and returns its motions from `segment.begin` up to before `segment.end`.
+    """Tracks a segment of the scans in `shared`; returns its motions with numbers from `segment.begin` to `segment.end - 1`.
 
-    The motions of the warm-up are left out.
+    The motions before the segment's own, in which the tracker finds its way, are left out.
     """
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]

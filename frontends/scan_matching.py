@@ -322,10 +322,11 @@ def _follow(
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) [m, m, rad] between the starts of scans, forward in time, along a new backward track.
+    """Follows the scans backwards in time with a new track, which must begin at the end of the last scan.
 
-    The track begins at the end of the last scan. A motion is None if one of its two scans was not matched, or if the track
-    does not reach the start of a scan.
+    Returns:
+        The motion (3,) [m, m, rad] from the start of each scan to the start of the next. A motion is None if one of its two
+        scans was not matched, or if the track does not reach the start of one of them.
     """
     steps = [track.follow(scan, backwards=True, with_covariance=False) for scan in reversed(scans)][::-1]
     times = np.array([step.time for step in steps])

@@ -122,7 +122,7 @@ TESTS: Final = (
     ),
     MapTest(
         "tracking",
-        "the motion of every scan with what it observed",
+        "the status of every scan: whether it was read, kept track, and observed every direction of its motion",
         "scans that converged to something wrong",
         rate="no lost scan; 10 % that observe too little",
         of_run=True,

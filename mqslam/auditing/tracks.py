@@ -238,7 +238,11 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out: of the largest tenth, in order, those after the first rise by `_JUMP_FACTOR`."""
+    """Returns which sizes (N,) stand out.
+
+    The largest tenth of the sizes is sorted upwards. From the first size in it that is more than `_JUMP_FACTOR` times the
+    size before it, all sizes stand out; if there is no such size, none does.
+    """
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])

@@ -93,8 +93,10 @@ def build_pose_graph(
     return PoseGraph(factors, values, len(initial), scale_sigma=scale_sigma)
 
 
-def optimise(graph: PoseGraph) -> Optimum:
+def optimise(graph: PoseGraph, start: gtsam.Values | None = None) -> Optimum:
     """Minimises the graph's error by Levenberg-Marquardt; if this fails, the result has the starting values and the reason.
+
+    The search starts from `start`, or, if it is None, from the graph's starting values.
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
@@ -109,7 +111,8 @@ def optimise(graph: PoseGraph) -> Optimum:
     parameters.setMaxIterations(_ITERATIONS)
     parameters.setLinearSolverType("MULTIFRONTAL_QR")
     try:
-        values = gtsam.LevenbergMarquardtOptimizer(graph.factors, graph.initial, parameters).optimize()
+        start = graph.initial if start is None else start
+        values = gtsam.LevenbergMarquardtOptimizer(graph.factors, start, parameters).optimize()
         if _leaves_loops_out(graph.factors, values):
             firm = gtsam.LevenbergMarquardtOptimizer(_pull_firmly(graph.factors), values, parameters).optimize()
             again = gtsam.LevenbergMarquardtOptimizer(graph.factors, firm, parameters).optimize()

@@ -91,7 +91,8 @@ class Trajectory:
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
         """Returns the mean body twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later stamps (N,) [us]."""
-        moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
+        begins, ends = np.split(self.at(np.concatenate([begins_us, ends_us])), 2)
+        moves = se2.wrapped_between(begins, ends)
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
     def covers(self, start_us: int, end_us: int, slack_us: int = _TRACK_SLACK_US) -> bool:

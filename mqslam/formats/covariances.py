@@ -213,7 +213,7 @@ def _read_bag(path: Path) -> StampedCovariances:
 
 
 def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
-    """Returns the stamp [us] and the covariance (3, 3) of the line with this number in a CSV, or raises a DataError."""
+    """Parses a line of a CSV to the stamp [us] and the covariance (3, 3); a DataError names the line by its number."""
     words = line.split(",")
     try:
         stamp, terms = int(words[0]), np.array([float(word) for word in words[1:]])

@@ -360,9 +360,10 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
-    """Completes the table: stores scaled covariances (N, 3, 3), and fills in pose and status of scans off the map.
+    """Completes the table: stores scaled covariances (N, 3, 3), and fills in the scans that were not registered on the map.
 
-    These poses are predicted from the nearest scan on the map. Their status is OUTSIDE without keyframes around, else LOST.
+    Their poses and covariances are predicted from the registered scan that is nearest along the path. Such a scan is OUTSIDE
+    if no keyframe lies within `REACH_M` of its predicted pose, else LOST.
     """
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances

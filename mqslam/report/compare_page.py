@@ -303,7 +303,7 @@ def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explo
     """Returns what a click on a place shows; `crops` holds the name, the points (M, 2) [m] and the colour of each row."""
     text = "the points of one window under every row"
     if place.apart_m:
-        text = f"here the rows differ by up to {format_length(place.apart_m)}"
+        text = f"here the motions of two rows differ by up to {format_length(place.apart_m)}, yaw included"
     views = [
         (name, [points[np.abs(points).max(axis=1, initial=0.0) <= _HALF_SIDE_M]], (colour,))
         for name, points, colour in crops

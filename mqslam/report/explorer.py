@@ -204,7 +204,10 @@ def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
 
 
 def explain_torn(settings: AuditConfig) -> str:
-    """Returns in words when a window is torn, since a window whose inflation is above the threshold need not be torn."""
+    """Explains, for the page, when a window counts as torn, and the marks of torn, undecided and all other places.
+
+    An inflation above `TORN_INFLATION` alone does not make a window torn.
+    """
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}, or where the scans contradict its speed, whatever its "

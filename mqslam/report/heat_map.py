@@ -159,7 +159,7 @@ def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn
     bar.ax.tick_params(labelsize=9, colors=INK, length=2, pad=1)
     bar.outline.set_visible(False)
     bar.ax.axvline(TORN_INFLATION, color=INK, linewidth=1.6)
-    label = f"above {TORN_INFLATION:.1f}: not chance; thick: torn"
+    label = f"above {TORN_INFLATION:.1f}: more than chance; thick line: torn"
     style: dict[str, Any] = {
         "ha": "center",
         "va": "top",

@@ -343,7 +343,7 @@ def _list_rotation(rotation: Rotation) -> dict[str, Any]:
 
 
 def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
-    """Returns the entry on GNSS fixes: how they are used, and, if they are, the antenna's place and the fixes' errors."""
+    """Returns the summary's entry on GNSS: how the fixes are used and, if so, the antenna's place and the fixes' errors."""
     numbers, edges = _summarise_use(use), use.edges
     if edges is None:
         return numbers | {"factors": 0}

@@ -79,7 +79,7 @@ class Pattern(NamedTuple):
 
 
 class SimulatedRadar(NamedTuple):
-    """The parameters of `SensorModel` that shape the echoes, with linear power instead of levels in counts."""
+    """The parameters of `SensorModel` that shape a polar scan, with linear powers where the model has levels in counts."""
 
     bins: int  # number of range bins
     resolution: float  # true length of a range bin [m]

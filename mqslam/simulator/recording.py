@@ -71,7 +71,10 @@ class ClearWorld:
         return self.turns / self.sensor.turn_rate_hz
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Returns the counts (A, B) uint8 of revolution k, each azimuth from the pose at its stamp in whole microseconds."""
+        """Renders the polar scan of revolution k: the levels (A, B) uint8 of its azimuths and range bins.
+
+        Each azimuth is rendered from the pose at its stamp, which is rounded to whole microseconds.
+        """
         times = np.asarray((to_stamps(self.stamps(k), START_US) - START_US) * 1e-6, dtype=np.float64)
         poses, twists = self.drive.poses(times), self.drive.twists(times)
         return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))

@@ -567,9 +567,15 @@ class LoopCloser:
         return chain
 
     def _solve(self, loops: list[Loop]) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with the given loops and its optimum; the latest is kept, since the next step often needs it."""
+        """Returns the graph with the given loops and its optimum.
+
+        The latest optimum is kept, since the next step often needs it. If it contains loops, the next optimisation starts
+        from it. The optimum without loops is no such start: the first loops move the trajectory far, and the optimiser then
+        takes more steps from it than from the graph's starting values.
+        """
         if self._latest is None or [*map(id, loops)] != [*map(id, self._latest[0])]:
-            self._latest = loops, *self._problem.optimise(loops)
+            start = self._latest[2].values if self._latest is not None and self._latest[0] else None
+            self._latest = loops, *self._problem.optimise(loops, start=start)
         return self._latest[1:]
 
 

@@ -81,7 +81,7 @@ def read_lidar(path: Path) -> LidarRecording:
     if len(scans) < 2 or not any(map(len, scans)):
         held = f"{count_of(len(scans), 'scan')} with increasing stamps and {count_of(sum(map(len, scans)), 'return')}"
         problem = f"has {held} on {topic}: too few"
-        raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
+        raise DataError(path, problem, "give a bag with at least two scans, and returns in them")
     notes = [f"scans from {topic}", *index.poses.clock.notes]
     if dropped := len(index.scans) - len(scans):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")

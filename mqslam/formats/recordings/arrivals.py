@@ -316,7 +316,7 @@ class _Fit:
     variance: float
 
     def measure_sigma(self, members: NDArray[np.bool_]) -> float:
-        """Returns the median standard deviation [us] of the estimated stamps that a mask (N,) marks, or of 64 of them."""
+        """Returns the median standard deviation [us] of at most 64 of the estimated stamps that a mask (N,) marks."""
         from scipy.linalg import cho_solve_banded
 
         chosen = np.flatnonzero(members)[pick_evenly(int(np.count_nonzero(members)), _PROBES)]

@@ -94,9 +94,9 @@ def place_turns(
     """Returns starts (N,) and durations (N,) [us] of a radar's turns, which have one stamp each.
 
     If stamps are starts, a turn lasts until the next stamp; if stamps are ends, a turn has lasted since the stamp before.
-    Where this stamp is missing or lies across a gap, the turn is taken to last as long as the next turn that is known (at
-    the end of a recording, the last one), since the rate changes slowly. If that turn does not fit the usual duration, or
-    none is known, the usual duration is taken.
+    Where the stamp after (or before) is missing or lies across a gap, the turn gets the duration of the next turn whose
+    duration is known, or of the last such turn if none follows, since the rate changes slowly. If this duration is not close
+    to the usual one, or no duration is known, the turn gets the usual duration.
 
     Args:
         stamps_us: (N,) increasing stamps of the turns [us].

@@ -91,7 +91,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
     Args:
         positions: number of GGA sentences in the log.
-        useless: for each reason why GGA sentences give no fix, the number of these sentences.
+        useless: the number of GGA sentences with a wrong checksum, and of those that state no fix.
     """
     if not positions:
         return "holds no GGA sentence"

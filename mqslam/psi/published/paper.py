@@ -257,7 +257,8 @@ def describe_algorithm1(rows: Sequence[Table1Row]) -> str:
     worst = np.concatenate([row.worst for row in rows if row.method == ALGORITHM_1 and row.worst is not None])
     return (
         f"Algorithm 1, as printed, ranks the right map last in {worst.sum()} of {len(worst)} windows, behind the maps of no "
-        "motion and half the motion: kappa is largest where points meet, so that the score grows as the map gets crisper."
+        "motion and half the motion: it multiplies the cost of two points by kappa, their weight, which is largest where "
+        "they coincide, so that the score grows as the map gets crisper."
     )
 
 
@@ -289,7 +290,10 @@ def render_motion(window: Window, name: str, motion: se2.Array, variant: PsiConf
 
 
 def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> list[Rendering]:
-    """Renders a window of the third case without motion, with half the estimated motion and with the estimated motion."""
+    """Renders a simulated window of the third case of Table I three times.
+
+    The motions are no motion, half the estimated motion, and the estimated motion.
+    """
     window = simulate_window(_MOTION_2, seed, SCANS)
     best = estimate_motion(window).theta
     motions = {"bad: no motion": 0.0, "better: half the motion": 0.5, "good: the estimated motion": 1.0}

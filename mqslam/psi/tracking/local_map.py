@@ -98,9 +98,10 @@ class LocalMap:
         return [keyframe.t0 for keyframe in self._keyframes]
 
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keeps a rendered scan if it was chosen, or, without a choice, if it is far from the keyframe nearest in time.
+        """Keeps a rendered scan as a keyframe if its start is in `chosen`, the starts that were given to the map.
 
-        The first scan is always kept.
+        If none were given, a scan is kept if it is far, in position or yaw, from the keyframe nearest in time. The first
+        scan is always kept.
 
         Args:
             t0: start of the scan [s], earlier or later than all keyframes.

@@ -138,7 +138,7 @@ class Belief:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) the most likely start pose [m, m, rad], in the tracker's frame."""
+        """(3,) the most likely pose at the scan's start [m, m, rad], in the tracker's frame."""
         return self.mean.pose
 
     @property
