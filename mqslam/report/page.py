@@ -221,7 +221,7 @@ class Page:
         """Writes the page as report.html into an existing folder, with the date and the command from the folder's run.log.
 
         Returns:
-            A message with the reason for each part that could not be made, which the page shows, too, or for the page itself.
+            A message with the reason for each part that could not be made, and for the page if it could not be made itself.
 
         Raises:
             OutputError: the file cannot be written.

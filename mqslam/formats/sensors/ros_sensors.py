@@ -124,7 +124,9 @@ class RosSensors:
         if placed is None:
             note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
         else:
-            note = f"the gyroscope on {self.imu_topic} is rotated to the vehicle's axes by its frame's pose ({self.imu_frame})"
+            note = (
+                f"the gyroscope on {self.imu_topic} is rotated to the vehicle's axes by its frame's pose ({self.imu_frame})"
+            )
             with np.errstate(invalid="ignore"):  # rates that are not finite are left out afterwards
                 table = table.with_columns(table.columns @ placed[:3, :3].T)
         return make_gyroscope(path, table, note, source=self.imu_topic)
