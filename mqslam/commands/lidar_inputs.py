@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
@@ -17,6 +18,11 @@ from mqslam.errors import ConfigError
 _OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "doppler_beta", "clockwise", "stamp", "encoder_size")
 """Settings of section `sensor` that only radars use."""
 
+_PLACED: Final = (
+    "the recording has no odometry besides the poses of its scans, which are used as odometry: if a SLAM system made them, "
+    "the result depends on that system (odometry none leaves them out)"
+)
+
 
 def prepare_lidar(
     recording: LidarRecording, settings: Config, inputs: Inputs = USUAL_INPUTS, unit_m: float | None = None
@@ -31,8 +37,9 @@ def prepare_lidar(
 
     Returns:
         (1) The recording, with scans as `mqslam.detection.surfaces.prepare` makes them, (2) the odometry that the run uses,
-        or None, (3) all settings, with lengths that are fitted to the scans, and (4) sentences on why the recording's
-        odometry is not used, if it has some and the user wants it, and on settings that have no effect on lidars.
+        or None; if the recording has none, the poses that it states for its scans are taken, (3) all settings, with lengths
+        that are fitted to the scans, and (4) sentences on why the recording's odometry is not used, if it has some and the
+        user wants it, on poses of scans that are used as odometry, and on settings that have no effect on lidars.
 
     Raises:
         ConfigError: an input is given that only radars use.
@@ -48,7 +55,12 @@ def prepare_lidar(
         named = join_words([name for name, is_given in given.items() if is_given])
         why = "is a lidar's recording, with which only odometry and the frame of the lidar can be used"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
+    placed = inputs.odometry == "auto" and recording.odometry is None and recording.trajectory is not None
+    if placed:
+        recording = replace(recording, odometry=recording.trajectory)
     track, unused = choose_odometry(recording, inputs.odometry, None)
+    if placed and track is not None:
+        unused.append(_PLACED)
     prepared = prepare(recording, track, unit_m)
     return prepared, track, fit_to_lidar(settings, prepared.scans), [*unused, *warn_of_idle(settings)]
 

@@ -133,6 +133,19 @@ def test_a_part_of_a_lidars_recording_is_solved_by_itself(tmp_path: Path) -> Non
     assert any("from 5 s to 17 s are used" in line for line in (result.folder / "run.log").read_text().splitlines())
 
 
+def test_poses_of_scans_serve_as_odometry_where_a_log_has_none(tmp_path: Path) -> None:
+    truth, log = write_carmen(tmp_path / "rooms.log"), tmp_path / "scans.log"
+    lines = (tmp_path / "rooms.log").read_text().splitlines(keepends=True)
+    log.write_text("".join(line for line in lines if line.startswith("FLASER")))
+    with_lines, alone = (mqslam.run(path, tmp_path / path.stem, end_s=12.0) for path in (tmp_path / "rooms.log", log))
+    said = "the recording has no odometry besides the poses of its scans, which are used as odometry"
+    assert any(said in warning for warning in alone.warnings) and not any(said in each for each in with_lines.warnings)
+    np.testing.assert_array_equal(alone.read_trajectory().poses, with_lines.read_trajectory().poses)
+    assert largest_error_m(alone.read_trajectory(), truth) < 0.1
+    without = mqslam.run(log, tmp_path / "without", end_s=12.0, odometry="none")
+    assert not any(said in warning for warning in without.warnings)
+
+
 def test_a_stretch_at_rest_says_how_many_scans_are_left_out_and_what_to_do(tmp_path: Path) -> None:
     write_carmen(tmp_path / "rooms.log", slower=200)
     result = mqslam.run(tmp_path / "rooms.log", tmp_path / "out", end_s=4.0)
