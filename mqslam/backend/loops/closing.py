@@ -73,6 +73,9 @@ _SEARCH_RAD = 0.03
 GATE_M = 40.0
 # Largest half width of the search in yaw [rad]. It bounds the time of the search.
 _GATE_RAD = 0.3
+# Largest number of scans between which the trajectory's uncertainty decides where places are recognised. It bounds the time,
+# which grows with its square.
+_NODES = 200
 # Least half width [m] of the search along a direction about which a loop says nothing: several doors must be in reach.
 _ALONG_M = 4.0
 # Half width of the search, in standard deviations of the two passes' relative pose in the trajectory. If the half width is
@@ -193,8 +196,9 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Finds places that may show an earlier place which lies out of reach of the search around the trajectory.
 
-    The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path. If each of these scans is
-    certain enough relative to the first scan, the search reaches every place, and no other pairs are examined.
+    The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path, or farther where there
+    would be more than `_NODES`. If each of these scans is certain enough relative to the first scan, the search reaches
+    every place, and no other pairs are examined.
 
     Args:
         chain: the trajectory, with its uncertainty.
@@ -208,7 +212,8 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
     travelled = chain.drive.travelled
-    nodes = pick_spaced(travelled, GATE_M)
+    spacing_m = max(GATE_M, float(travelled[-1]) / _NODES)
+    nodes = pick_spaced(travelled, spacing_m)
     pairs = [(int(nodes[0]), int(b)) for b in nodes[1:]]
     if not any(map(is_beyond_gate, chain.relate(pairs))):
         return np.zeros((len(places), len(places)), dtype=bool)
@@ -219,7 +224,7 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
     visible = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
     unsure = visible.copy()
     for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
-        visible[b, a] = may_meet(relative, GATE_M)  # the places of a node lie up to GATE_M farther along the path
+        visible[b, a] = may_meet(relative, spacing_m)  # the places of a node lie up to this much farther along the path
         unsure[b, a] = visible[b, a] and is_beyond_gate(relative)
     visible &= np.asarray(unsure.any(axis=1))[:, None]
     node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
