@@ -166,7 +166,8 @@ def _judge_track(run: Run) -> list[Finding]:
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason))
     if degenerate.is_above(_DEGENERATE_WARN):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
-        explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; odometry would help there"
+        remedy = "there the map rests on the odometry" if run.odometry_factors else "odometry would help there"
+        explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; {remedy}"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.TRACKING, explanation=explanation))
     return findings
 

@@ -129,6 +129,14 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
 
 
 @pytest.mark.parametrize(
+    ("factors", "said"), [(0, "odometry would help there"), (239, "there the map rests on the odometry")]
+)
+def test_odometry_is_advised_where_the_scene_shows_too_little_only_if_there_is_none(factors: int, said: str) -> None:
+    _, headline, _ = verdict_of(judge_run(run(240, degenerate=120, odometry_factors=factors)))
+    assert headline.endswith(f"do not observe every direction of motion; {said}")
+
+
+@pytest.mark.parametrize(
     ("after", "across", "status", "ratio", "meaning"),
     [
         (
