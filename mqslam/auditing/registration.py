@@ -23,6 +23,10 @@ Shared: TypeAlias = tuple[Sweeps, AuditConfig, EstimatorConfig]
 SPEED_ERROR_MPS = 50.0
 # The speed is not checked between two successive scans if either of them has fewer points than this.
 _SPEED_FEWEST = 40
+# Distance between the points that fill surfaces, divided by the kernel's width: shorter distances change nothing.
+_FILLED = 0.125
+# Largest distance between points amid a surface, divided by the largest distance between points of one surface.
+_AMID = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +114,10 @@ def is_of_beams(
     """Returns whether a better fit with the offset corrected may come from the pattern of a lidar's beams alone.
 
     The beams of a lidar hit a bare wall at the same places of a scan wherever the lidar stands along the wall. Two scans of
-    the wall therefore fit best as if the lidar had not moved. The middles between the points of neighbouring beams have no
-    such pattern: they fit better only if the surfaces fit better. False for a radar.
+    the wall therefore fit best as if the lidar had not moved, and several scans as if it had moved by some scans less. If
+    the surfaces of the earlier scans are filled with points, and of the later scans only points amid a surface are taken,
+    which the surfaces cover under both poses, this pattern is gone: they fit better only if the surfaces fit better. False
+    for a radar.
 
     Args:
         registration: registration of the later stretch on the earlier stretch.
@@ -122,12 +128,13 @@ def is_of_beams(
     if not sweeps.is_of_lidar:
         return False
     earlier, later = stretches
-    references = make_references(sweeps.local(earlier, sweeps.poses[registration.earlier]))
-    middles = sweeps.local_between_beams(later, sweeps.poses[registration.later], estimator.s_start)
-    if not len(middles):
+    frames, apart_m = (sweeps.poses[registration.earlier], sweeps.poses[registration.later]), estimator.s_start
+    references = make_references(sweeps.local_surfaces(earlier, frames[0], apart_m, _FILLED * estimator.s))
+    query = sweeps.local_amid(later, frames[1], _AMID * apart_m)
+    if not len(query):
         return True
     moved = se2.compose(registration.between, registration.offset)
-    kept_psi, moved_psi = (score_at_pose(references, middles, pose, estimator) for pose in (registration.between, moved))
+    kept_psi, moved_psi = (score_at_pose(references, query, pose, estimator) for pose in (registration.between, moved))
     return moved_psi * RIVAL > kept_psi
 
 

@@ -79,20 +79,44 @@ class Sweeps:
         release(self.points, self.covariances, self.turns)
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, turns)
 
-    def local_between_beams(self, chosen: Sequence[int], frame: se2.Array, apart_m: float) -> PointSet:
-        """Returns the middles between the points of neighbouring beams of a lidar that are at most `apart_m` [m] apart.
+    def local_surfaces(self, chosen: Sequence[int], frame: se2.Array, apart_m: float, every_m: float) -> PointSet:
+        """Returns points along the surfaces that a lidar sees: on the lines between points of neighbouring beams.
 
         Args:
             chosen: numbers of the sweeps.
-            frame: (3,) pose x, y [m], yaw [rad] in the map's frame; the middles are in the frame of this pose.
+            frame: (3,) pose x, y [m], yaw [rad] in the map's frame; the points are in the frame of this pose.
             apart_m: points that are farther apart than this [m] are taken to lie on two surfaces.
+            every_m: largest distance between points along a line [m].
         """
+        seen, gaps = self._local_gaps(chosen, frame)
+        counts = np.where(gaps <= apart_m, np.ceil(gaps / every_m), 1.0).astype(np.int64)  # points from each point on
+        at = np.repeat(np.arange(len(counts)), counts)
+        shares = (np.arange(len(at)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[at]
+        steps = np.diff(seen.points, axis=0, append=seen.points[-1:])
+        return _gather(seen, at, seen.points[at] + shares[:, None] * steps[at])
+
+    def local_amid(self, chosen: Sequence[int], frame: se2.Array, apart_m: float) -> PointSet:
+        """Returns the points of a lidar amid a surface: those at most `apart_m` [m] from the points of both beams beside.
+
+        The arguments are as in `local_surfaces`.
+        """
+        seen, gaps = self._local_gaps(chosen, frame)
+        amid = np.flatnonzero((gaps <= apart_m) & (np.roll(gaps, 1) <= apart_m))
+        return _gather(seen, amid, seen.points[amid])
+
+    def _local_gaps(self, chosen: Sequence[int], frame: se2.Array) -> tuple[PointSet, NDArray[np.float64]]:
+        """Returns the points (N) of sweeps, and their distances (N,) [m] to the next point; infinite at a sweep's end."""
         seen = self.local(chosen, frame)
-        sweep = np.repeat(np.arange(len(chosen)), [int(self.begins[k + 1] - self.begins[k]) for k in chosen])
-        steps = np.diff(seen.points, axis=0)
-        near = (np.diff(sweep) == 0) & (np.hypot(steps[:, 0], steps[:, 1]) <= apart_m)
-        points = (seen.points[:-1] + 0.5 * steps)[near]
-        return PointSet(points, np.empty((len(points), 2, 0)), seen.covariances[:-1][near], seen.times[:-1][near])
+        gaps = np.full(len(seen), np.inf)
+        gaps[:-1] = np.hypot(*np.diff(seen.points, axis=0).T)
+        ends = np.cumsum([int(self.begins[k + 1] - self.begins[k]) for k in chosen])
+        gaps[ends[ends > 0] - 1] = np.inf
+        return seen, gaps
+
+
+def _gather(seen: PointSet, at: NDArray[np.int64], points: NDArray[np.float64]) -> PointSet:
+    """Returns points (M, 2) [m] with the covariances and times of the points of `seen` with the indices (M,) `at`."""
+    return PointSet(points, np.empty((len(at), 2, 0)), seen.covariances[at], seen.times[at])
 
 
 def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:

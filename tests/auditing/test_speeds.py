@@ -14,6 +14,7 @@ from support.laser_drive import cast_beams
 from mqslam.auditing import steps
 from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.registration import is_of_beams
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -208,3 +209,17 @@ def test_the_beams_of_a_lidar_on_bare_walls_make_no_jump() -> None:
         assert fits_as_if_at_rest is not None and fits_as_if_at_rest.unrivalled
         step = steps._judge_step(fits_as_if_at_rest, 1e-9, shared, 1e-3)
         assert (find_torn_steps([step], ROOMS.audit, ROOMS.verdict) == [step]) is is_jump
+
+
+@pytest.mark.parametrize("has_pillars", [False, True])
+def test_a_fit_some_scans_farther_back_comes_from_the_beams_on_bare_walls_and_from_nothing_else(has_pillars: bool) -> None:
+    """Scans that are moved back by one or two steps overlay earlier ones on bare walls; pillars show a wrong trajectory."""
+    pillars = [[x, side * 1.3, x, side * 1.0] for x, side in zip(np.arange(2.0, 40.0, 1.7), [1, -1] * 12, strict=False)]
+    walls = [*([-30.0, y, 70.0, y] for y in (-1.3, 1.4)), *(pillars if has_pillars else [])]
+    sweeps = corridor_sweeps(1.0, np.array(walls))
+    for place in range(5, 16):
+        true = steps._register_step((sweeps, ROOMS.audit, ROOMS.estimator), (place, (2.0, 0.2)))
+        assert true is not None
+        for back in (np.array([-0.22, 0.0, 0.0]), np.array([-0.44, 0.0, 0.0])):
+            moved = replace(true, between=true.between + back, offset=-back) if has_pillars else replace(true, offset=back)
+            assert is_of_beams(moved, steps.pick_sides(place), sweeps, ROOMS.estimator) is not has_pillars
