@@ -79,6 +79,23 @@ def test_returns_are_those_of_a_run_and_psi_of_a_window_is_that_of_the_equations
     assert capsys.readouterr().out.splitlines()[-1] == str(score.psi)
 
 
+def test_a_part_of_a_recording_is_opened_detected_and_measured(drive: Path, tmp_path: Path) -> None:
+    span = {"start_s": 0.5, "end_s": 1.75}
+    part, whole = mqslam.open_recording(drive, **span), mqslam.open_recording(drive)
+    np.testing.assert_array_equal(part.stamps_us, whole.stamps_us[2:7])
+    for source in (drive, whole):
+        factors = mqslam.psi_factors(source, frontend="odometry", odometry=whole.odometry, config=SETTINGS, **span)
+        for scans in (mqslam.detect(source, **span), factors.scans):
+            np.testing.assert_array_equal(scans.stamps_us, part.stamps_us)
+            np.testing.assert_array_equal(scans.scans.table, mqslam.detect(part).scans.table)
+    with pytest.raises(ConfigError, match=r"only a recording is cut by start and end; cut .* as scans\[first:after\]"):
+        mqslam.detect(factors.scans, start_s=0.5)
+    write_carmen(tmp_path / "rooms.log")
+    rooms = mqslam.open_recording(tmp_path / "rooms.log", start_s=1.0, end_s=3.0)
+    np.testing.assert_array_equal(rooms.stamps_us, mqslam.open_recording(tmp_path / "rooms.log").stamps_us[5:15])
+    assert mqslam.detect(tmp_path / "rooms.log", start_s=1.0, end_s=3.0).start_us == rooms.start_us
+
+
 def test_psi_of_a_lidars_window_is_lowest_near_the_true_motion(tmp_path: Path) -> None:
     write_carmen(tmp_path / "rooms.log")
     scans = mqslam.detect(mqslam.open_recording(tmp_path / "rooms.log"))

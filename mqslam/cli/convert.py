@@ -35,7 +35,7 @@ _OWN: Options = {
 }
 
 
-@command("data out to message config changes format range_resolution topic force quiet verbose", _OWN)
+@command("data out to message config changes format range_resolution topic start_s end_s force quiet verbose", _OWN)
 def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any) -> None:
     """Write a recording in another layout, with what mqslam can write there of odometry, ground truth and sensors.
 
@@ -44,7 +44,12 @@ def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any
     with the covariance of each pose. If OUT ends in .ply, the keyframes of a result, or of a folder of keyframes, are
     written as a point cloud.
 
+    --start and --end cut the scans. Odometry, ground truth and the readings of other sensors are written whole, since a
+    sensor's clock may differ from the radar's, so that a run of OUT has the result of a run with the same --start and --end.
+
     Example: mqslam convert drive drive.mcap
+
+    Example: mqslam convert drive.bag part.bag --start 60 --end 80
 
     Example: mqslam convert drive.bag drive_boreas --to boreas
 

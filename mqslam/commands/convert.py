@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from mqslam.commands.inputs import open_data
+from mqslam.commands.inputs import WHOLE, open_data
 from mqslam.commands.result import check_whole
 from mqslam.config import ConfigSource, load_config
 from mqslam.core.point_map import PointMap
@@ -47,6 +47,8 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
     force: bool = False,
     progress: Progress = ignore_progress,
 ) -> list[str]:
@@ -60,6 +62,8 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         config: settings for reading the recording, as for `run`.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         force: whether a file or folder that exists at `out` is replaced.
         progress: called with the stage "converting", the number of polar scans written, and the number of all polar scans.
 
@@ -67,7 +71,8 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         Notes for the user on how the recording was read, and on what the new layout cannot hold.
 
     Raises:
-        ConfigError: the layout is unknown, or the data cannot be written in it.
+        ConfigError: the layout is unknown, the data cannot be written in it, the time from `start_s` to `end_s` holds no
+            scan, or these are given for a result.
         DataError: the data cannot be read, or are a result that cannot be converted.
         OutputError: the output exists and may not be replaced, or cannot be written.
     """
@@ -75,7 +80,9 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     for name, (problem, remedy) in _NOT_CONVERTED.items():
         if (data / name).is_file():
             raise DataError(data, problem, remedy)
-    keyframes, of_run = find_keyframes(data), is_run(data)
+    keyframes, of_run, span = find_keyframes(data), is_run(data), (start_s, end_s)
+    if (of_run or keyframes is not None) and span != WHOLE:
+        raise ConfigError(f"{data}: only a recording can be converted in part, not a result; leave out start and end")
     if out.suffix == ".ply" and to is None and (keyframes is not None or of_run):
         _write_keyframes(out, data, force=force)
         return []
@@ -110,7 +117,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
         if not of_run:
-            recording = open_data(data, format, range_resolution, load_config(config))
+            recording = open_data(data, format, range_resolution, load_config(config), span=span)
             notes = write_recording(recording, out, target, partial(progress, "converting"))
             return [*recording.notes, *recording.faults, *notes]
         write_results(out, data, target.name)

@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from mqslam.commands.inputs import open_radar_or_lidar
+from mqslam.commands.inputs import WHOLE, Span, open_radar_or_lidar
 from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config
@@ -20,13 +20,21 @@ from mqslam.core.scans import Returns, Scan, Scans, StoredScans
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, require_type
 from mqslam.execution.runner import Runner
+from mqslam.formats.recordings.derived import clip
 
 Source: TypeAlias = Path | str | Recording | Scans
 """A recording: its path, the open recording, or the scans that were detected in it before."""
 _WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart [rad], also where they are not wrapped
 
 
-def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET) -> Scans:
+def detect(
+    recording: Source,
+    *,
+    config: ConfigSource = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    work: Work = QUIET,
+) -> Scans:
     """Detects the returns of a recording, as a run does.
 
     Returns that lie at the same place of the radar's own frame in most scans are left out, since they show the vehicle. The
@@ -40,6 +48,8 @@ def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET
         recording: a recording's path, or the open recording. `Scans` that another program has made are checked and returned.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         work: where the work is done, and what reports on it.
 
     Returns:
@@ -47,17 +57,21 @@ def detect(recording: Source, *, config: ConfigSource = None, work: Work = QUIET
         `scans[k:n]` is a window for `mqslam.score`.
 
     Raises:
-        ConfigError: a setting or the scans are wrong.
+        ConfigError: a setting or the scans are wrong, the time from `start_s` to `end_s` holds no scan, or these are given
+            for scans.
         DataError: the recording cannot be used.
 
     Example:
         >>> scans = mqslam.detect("drive", config={"detector": {"threshold": 60}})  # doctest: +SKIP
     """
     require_work(work)
-    return read_scans(recording, load_config(config), Runner(work.engine, work.progress), work.tell)[0]
+    runner = Runner(work.engine, work.progress)
+    return read_scans(recording, load_config(config), runner, work.tell, (start_s, end_s))[0]
 
 
-def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callable[[str], None]) -> tuple[Scans, str]:
+def read_scans(
+    recording: Source, settings: Config, runner: Runner, tell: Callable[[str], None], span: Span = WHOLE
+) -> tuple[Scans, str]:
     """Returns the scans of a recording, and advice for the case that they hold too few returns; it may be empty.
 
     Args:
@@ -65,9 +79,10 @@ def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callab
         settings: all settings.
         runner: detects the returns.
         tell: called with every note for the user about the data.
+        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
 
     Raises:
-        ConfigError: the scans are not what `Scans` states.
+        ConfigError: the scans are not what `Scans` states, the span holds no scan, or a span is given for scans.
         DataError: the recording cannot be used.
     """
     if isinstance(recording, Path | str):
@@ -77,7 +92,10 @@ def read_scans(recording: Source, settings: Config, runner: Runner, tell: Callab
         kind = type(given).__name__
         raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; put scans into Scans")
     if isinstance(recording, Scans):
+        if span != WHOLE:
+            raise ConfigError("scans: only a recording is cut by start and end; cut scans by number, as scans[first:after]")
         return check_scans(recording), ""
+    recording = clip(recording, *span)
     for note in (*recording.notes, *recording.faults):
         tell(note)
     if isinstance(recording, LidarRecording):

@@ -18,6 +18,7 @@ from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
 from mqslam.commands.detect import Source, read_scans
+from mqslam.commands.inputs import WHOLE, Span
 from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
@@ -110,7 +111,7 @@ class PsiFactors(list[Stated]):
         return added
 
 
-def psi_factors(
+def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each with its default
     recording: Source,
     keys: Keys = X,
     *,
@@ -119,6 +120,8 @@ def psi_factors(
     odometry: Trajectory | None = None,
     pose: Pose = gtsam.Pose2,
     submap_keys: Callable[[int], int] = M,
+    start_s: float | None = None,
+    end_s: float | None = None,
     work: Work = QUIET,
 ) -> PsiFactors:
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
@@ -134,8 +137,9 @@ def psi_factors(
     submaps were eliminated, every scan would be tied to all others of the drive, and no factor could have a robust loss. No
     factor fixes the trajectory as a whole in the world: a prior or other factors must do that.
 
-    Scans of a lidar between which the robot hardly moved are left out, as in a run. The numbers of scans count only the
-    scans that remain, which `scans` of the result holds.
+    Scans of a lidar between which the robot hardly moved are left out, as in a run, and so are scans outside `start_s` to
+    `end_s`. The numbers of scans count only the scans that remain, which `scans` of the result holds; `loop_factors` and
+    `refine` take these scans.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
@@ -151,6 +155,8 @@ def psi_factors(
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. In space the factors have standard deviations of
             0.1 m in z, and of 0.03 rad in roll and pitch.
         submap_keys: function that returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         work: where the work is done, and what reports on it.
 
     Returns:
@@ -159,7 +165,8 @@ def psi_factors(
         starting values, also for the submaps.
 
     Raises:
-        ConfigError: a key, a setting or the scans are wrong, or there is no such front end.
+        ConfigError: a key, a setting or the scans are wrong, there is no such front end, the time from `start_s` to `end_s`
+            holds no scan, or these are given for scans.
         DataError: the recording cannot be used.
         EstimationError: no motion can be estimated from the data.
 
@@ -172,7 +179,7 @@ def psi_factors(
     """
     require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
     require(frontend)  # raises, before the recording is read, if there is no such front end
-    with _open_scans(recording, config, work) as view:
+    with _open_scans(recording, config, work, (start_s, end_s)) as view:
         settings, scans = view.unit_config, view.unit_scans
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
         context = view.make_context(odometry)
@@ -438,7 +445,7 @@ class _OpenScans:
 
 
 @contextmanager
-def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator[_OpenScans]:
+def _open_scans(recording: Source, config: ConfigSource, work: Work, span: Span = WHOLE) -> Iterator[_OpenScans]:
     """Yields the scans of a recording, and detects their returns if necessary.
 
     If the path or the open recording of a lidar is given, scans between which its odometry shows no motion are left out.
@@ -448,15 +455,17 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
         work: where the work is done, and what reports on it.
+        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
 
     Raises:
-        ConfigError: the settings hold a mistake, or the scans are not what `Scans` states.
+        ConfigError: the settings hold a mistake, the scans are not what `Scans` states, the span holds no scan, or a span is
+            given for scans.
         DataError: the recording cannot be used.
         EstimationError: the scans hold too few returns to measure the Doppler shift, or for the computations in the block.
     """
     require_work(work)
     settings, runner = load_config(config), Runner(work.engine, work.progress)
-    scans, remedy = read_scans(recording, settings, runner, work.tell)
+    scans, remedy = read_scans(recording, settings, runner, work.tell, span)
     try:
         if scans.unit_m is None:
             beta = choose_doppler(scans, settings, runner.engine).beta

@@ -1,4 +1,4 @@
-"""`--start` and `--end` take a stretch of a recording through run, audit and compare."""
+"""`--start` and `--end` take a stretch of a recording through run, audit, compare and convert."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.commands import mqslam
 
 from mqslam.formats.recordings import open_recording
@@ -37,3 +38,29 @@ def test_a_run_an_audit_and_a_comparison_take_the_scans_of_a_stretch(street: Pat
     assert late.code == 2 and "share no time: an offset of 3600 s was added to the trajectory's stamps" in late.err
     (row,) = json.loads((out["compared"] / "compare.json").read_text())["rows"]
     assert row["failure"] is None and row["ate_rmse_m"] < 0.5
+
+
+@pytest.mark.parametrize("name", ["part.npz", "part.mcap"])
+def test_a_conversion_holds_the_scans_of_a_stretch_and_all_of_the_other_sensors(
+    street: Path, tmp_path: Path, name: str
+) -> None:
+    shown = mqslam("convert", street, tmp_path / name, *SPAN)
+    assert shown.code == 0 and "scans from 2 s to 5.9 s are used" in shown.err
+    assert "the data of other sensors are not cut" in shown.err
+    whole, part = open_recording(street), open_recording(tmp_path / name)
+    expected = open_recording(street, start_s=2, end_s=5.9)
+    np.testing.assert_array_equal(part.stamps_us, expected.stamps_us)
+    for one, other in zip(part.polar_scans(), expected.polar_scans(), strict=True):
+        np.testing.assert_array_equal(one.power, other.power)
+        np.testing.assert_allclose(one.times, other.times, atol=1e-9)
+    for sensor in ("odometry", "ground_truth", "gyroscope", "fixes"):
+        np.testing.assert_array_equal(getattr(part, sensor).stamps_us, getattr(whole, sensor).stamps_us)
+
+
+def test_only_a_recording_is_converted_in_part(street: Path, quick: Path, tmp_path: Path) -> None:
+    words = ("--config", quick, "--jobs", "1", "--quiet", "--frontend", "odometry")
+    assert mqslam("run", street, "--out", tmp_path / "ran", *words, *SPAN).code == 0
+    for source, out in ("ran", "part.tum"), ("ran", "part.bag"), ("ran/keyframes", "part.ply"):
+        shown = mqslam("convert", tmp_path / source, tmp_path / out, *SPAN)
+        assert shown.code == 2 and "only a recording can be converted in part, not a result" in shown.err
+        assert not (tmp_path / out).exists()

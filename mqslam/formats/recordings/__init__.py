@@ -15,7 +15,7 @@ from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, require_
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen, read_lidar
-from mqslam.formats.recordings.derived import apply_clockwise
+from mqslam.formats.recordings.derived import apply_clockwise, clip
 from mqslam.formats.recordings.layout import (
     USUAL_TOPICS,
     Layout,
@@ -41,7 +41,7 @@ FORMATS = {
 _IMAGE_FOLDERS = ("radar", "Navtech_Polar", "polar", "polar_oxford_form", "sensor_data")
 
 
-def open_recording(
+def open_recording(  # noqa: PLR0913 - these are the properties of a recording, each with its default
     path: Path | str,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -51,11 +51,14 @@ def open_recording(
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
     encoder_size: int | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
 ) -> Recording:
     """Opens the recording of a radar, without reading its polar scans, or reads that of a planar lidar.
 
     A `LidarRecording`, as this function returns for a CARMEN log or a bag with laser scans, holds `scans` with the ranges
-    that were measured, and no polar scans. All other arguments than `path` are for recordings of radars.
+    that were measured, and no polar scans. All other arguments than `path`, `start_s` and `end_s` are for recordings of
+    radars.
 
     Args:
         path: a file or folder in one of the layouts of `FORMATS`, or the recording of a planar lidar.
@@ -70,10 +73,16 @@ def open_recording(
         topics: topics of a bag with polar scans, odometry and ground truth; where one is None, type and name choose it.
         encoder_size: encoder ticks per revolution, for layouts whose azimuths carry encoder values; None takes the number
             that the recording states, else the number that Navtech's radars have.
+        start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
+        end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
+
+    Returns:
+        The recording. With `start_s` or `end_s`, times count from the first scan that is left, and the data of other
+        sensors are not cut.
 
     Raises:
-        ConfigError: the format is unknown, the range resolution or the range offset is no plausible length, or another
-            argument than `path` is given for the recording of a lidar.
+        ConfigError: the format is unknown, the range resolution or the range offset is no plausible length, the time from
+            `start_s` to `end_s` holds no scan, or an argument for radars is given for the recording of a lidar.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
 
     Example:
@@ -83,11 +92,11 @@ def open_recording(
     path = to_path(path, "a recording")
     sensing = Sensing(range_resolution, range_offset, clockwise, stamp, topics, encoder_size)
     with suppress(OfLidarError):
-        return open_radar(path, format, sensing)
+        return clip(open_radar(path, format, sensing), start_s, end_s)
     given = {"format": format} | {entry.name: getattr(sensing, entry.name) for entry in fields(sensing)}
     if others := [name for name, value in given.items() if value is not None and value != USUAL_TOPICS]:
         raise ConfigError(f"{path}: is a lidar's recording; leave out {join_words(others)}, which only radars' can use")
-    return read_lidar(path)
+    return clip(read_lidar(path), start_s, end_s)
 
 
 def open_radar(path: Path | str, format: str | None, sensing: Sensing) -> Recording:
