@@ -196,7 +196,8 @@ def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sw
     sweeps, inside = place_sweeps(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
     sweeps = replace(sweeps, is_of_lidar=source.is_of_lidar)
-    return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
+    lacks = f"the trajectory does not cover {missing} of {len(source.scans)} scans, before its first pose or after its last"
+    return sweeps, [lacks] if missing else []
 
 
 def divide_cloud(

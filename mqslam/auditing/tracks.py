@@ -272,8 +272,9 @@ def judge_cover(track: Track) -> list[Finding]:
 
 def state_cover(track: Track) -> Finding:
     """Returns the finding on a trajectory without gaps, jumps and sparse poses: how many scans it covers."""
-    covered = _count_covered(track)
-    return Finding(VerdictStatus.PASS, f"the trajectory covers {covered}; its poses alone show no gap and no jump")
+    rest = ", and the rest lies before its first pose or after its last" if track.uncovered else ""
+    covers = f"the trajectory covers {_count_covered(track)}{rest}"
+    return Finding(VerdictStatus.PASS, f"{covers}; its poses alone show no gap and no jump")
 
 
 def _count_covered(track: Track) -> str:

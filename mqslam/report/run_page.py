@@ -191,7 +191,8 @@ def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
     if not run.measurements:
         return Section("Trajectory", figures=[trajectory])
     counts = Counter(m.status.value for m in run.measurements).most_common()
-    statuses = f"{len(run.measurements):,} scans: " + ", ".join(f"{n:,} {status}" for status, n in counts)
+    motions = f"{len(run.measurements):,} motions between {len(run.measurements) + 1:,} scans"
+    statuses = f"{motions}: {', '.join(f'{n:,} {status}' for status, n in counts)}"
     times = _middles(run)
     unused = times[[m.status is not Status.CONVERGED for m in run.measurements]]
     marks = Curve(f"no measurement ({len(unused)})", RED, over(unused, np.zeros(len(unused))), "|", 9.0)

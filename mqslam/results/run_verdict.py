@@ -17,7 +17,7 @@ from mqslam.backend.range_scale import NOT_OF_RADAR
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.wording import describe_times, explain_rest, join_words
+from mqslam.core.wording import count_of, describe_times, explain_rest, join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
 from mqslam.mapping.render import select_moving
@@ -154,18 +154,19 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
 def _judge_track(run: Run) -> list[Finding]:
     """Returns the findings on scans that lost track, could not be read, or do not observe every direction of motion."""
     statuses = [m.status for m in run.measurements]
+    scans = f"of the {count_of(len(statuses), 'scan')} after the first"
     lost, degenerate = (Share(statuses.count(status), len(statuses)) for status in (Status.LOST, Status.DEGENERATE))
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
     if lost.count:
         grave = lost.is_above(_LOST_FAIL)
-        reason = f"{lost.count} of {lost.total} scans lost track, and their poses are predictions"
+        reason = f"{lost.count} {scans} lost track, and their poses are predictions"
         status = VerdictStatus.FAIL if grave else VerdictStatus.WARN
         findings = [Finding(status, reason, cause=Cause.TRACKING, explanation=reason)]
     if run.unread:
         reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason))
     if degenerate.is_above(_DEGENERATE_WARN):
-        reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
+        reason = f"{degenerate.count} {scans} do not observe every direction of motion"
         remedy = "there the map rests on the odometry" if run.odometry_factors else "odometry would help there"
         explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; {remedy}"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.TRACKING, explanation=explanation))

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from mqslam.auditing.sizes import WINDOW
-from mqslam.auditing.tracks import Track, find_jumps, judge_cover, judge_doubt, judge_track, mark_interpolated, measure_doubt
+from mqslam.auditing.tracks import (
+    Track,
+    find_jumps,
+    judge_cover,
+    judge_doubt,
+    judge_track,
+    mark_interpolated,
+    measure_doubt,
+    state_cover,
+)
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
@@ -46,6 +55,12 @@ def test_a_trajectory_of_a_part_of_the_scans_is_a_warning_of_its_own(uncovered: 
     assert all(named in finding.reason for finding in findings)
     assert all(finding.reason.endswith("fit the recording's") is (uncovered > 80) for finding in findings)
     assert judge_track(part, TIMES[uncovered:], REVOLUTION_S, CONFIG.audit) == []
+
+
+def test_of_a_trajectory_that_lacks_a_few_scans_it_is_said_where_they_lie() -> None:
+    whole, most = (state_cover(Track(TIMES[k:], driven(TIMES)[k:], 160, k)).reason for k in (0, 1))
+    assert whole == "the trajectory covers 160 of 160 scans; its poses alone show no gap and no jump"
+    assert "covers 159 of 160 scans, and the rest lies before its first pose or after its last; its poses" in most
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.02, 0.3])

@@ -94,9 +94,9 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
     [
         (run(240), PASS, "0 of 40 windows are torn"),
         (run(240, torn=20), FAIL, "20 of 40 windows are torn"),
-        (run(240, lost=1), WARN, "1 of 239 scans lost track, and their poses are predictions"),
-        (run(240, lost=100), FAIL, "100 of 239 scans lost track, and their poses are predictions"),
-        (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
+        (run(240, lost=1), WARN, "1 of the 239 scans after the first lost track, and their poses are predictions"),
+        (run(240, lost=100), FAIL, "100 of the 239 scans after the first lost track, and their poses are predictions"),
+        (run(240, degenerate=60), WARN, "60 of the 239 scans after the first do not observe every direction of motion"),
         (run(240, degenerate=10), PASS, "no scan lost track"),
         (run(240, unread={7: None, 8: None}), WARN, "2 of 240 polar scans could not be read"),
         (
@@ -114,10 +114,10 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         ),  # the radar stood still
         (run(240, before=PointMap.empty(), after=PointMap.empty()), PASS, "no scan lost track"),
         (run(18, torn=1), NOT_JUDGED, "1 of 3 windows is torn, too few to judge the map by"),
-        (run(18, lost=1), WARN, "1 of 17 scans lost track, and their poses are predictions"),
+        (run(18, lost=1), WARN, "1 of the 17 scans after the first lost track, and their poses are predictions"),
         (run(18, lost=1), WARN, "0 of 3 windows are torn, too few to judge the map by"),
         (run(2), NOT_JUDGED, "2 scans are too few to judge a map by: a window takes 6"),
-        (run(2, lost=1), NOT_JUDGED, "1 of 1 scans lost track, and their poses are predictions"),
+        (run(2, lost=1), NOT_JUDGED, "1 of the 1 scan after the first lost track, and their poses are predictions"),
         (run(3, lost=1, unread={1: None}), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
         (run(1), NOT_JUDGED, "1 scan is too few to judge a map by: a window takes 6"),
     ],
