@@ -16,8 +16,17 @@ if TYPE_CHECKING:
 _LISTED = 5  # at most this many gaps are shown one by one
 
 
-@command("data config changes format range_resolution topic as_json quiet verbose")
-def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, range_resolution: float | None) -> None:
+@command("data config changes format range_resolution topic start_s end_s as_json quiet verbose")
+def info(
+    terminal: Terminal,
+    *,
+    data: Path,
+    config: Config,
+    format: str | None,
+    range_resolution: float | None,
+    start_s: float | None,
+    end_s: float | None,
+) -> None:
     """Show what a recording contains: scans, duration, turn rate, range bins, odometry, ground truth, other sensors, gaps.
 
     Example: mqslam info drive
@@ -26,7 +35,7 @@ def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, 
     from mqslam.commands.inputs import open_radar_or_lidar
     from mqslam.core.recording import LidarRecording
 
-    recording = open_radar_or_lidar(data, format, range_resolution, config)
+    recording = open_radar_or_lidar(data, format, range_resolution, config, span=(start_s, end_s))
     if isinstance(recording, LidarRecording):
         facts, list_rows = describe_lidar(recording), _list_lidar_rows
     else:
@@ -69,10 +78,11 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Returns what `describe_lidar` says about a recording as rows (name, text) for people."""
+    rest = "" if facts["odometry"] is None else "; a run leaves out those between which the lidar hardly moves"
     return [
         ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map"),
         ("path", facts["path"]),
-        ("scans", f"{facts['scans']}"),
+        ("scans", f"{facts['scans']}{rest}"),
         ("duration", f"{facts['duration_s']:.2f} s"),
         ("scan rate", f"{facts['scan_rate_hz']:.3f} Hz"),
         ("returns", f"{facts['returns']:.0f} per scan, up to {facts['max_range_m']:.1f} m away"),

@@ -60,7 +60,7 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
         "format": lidar.format,
         "path": str(lidar.path),
         "scans": len(lidar.scans),
-        "duration_s": float(steps.sum()),
+        "duration_s": lidar.duration_s,
         "scan_rate_hz": 1.0 / float(np.median(steps)),
         "returns": float(np.mean([len(scan.returns) for scan in lidar.scans])),
         "max_range_m": max(float(scan.returns.ranges.max(initial=0.0)) for scan in lidar.scans),

@@ -51,9 +51,11 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def describe_left_out(dataset: Mapping[str, Any]) -> str:
-    """Returns in words, in brackets, how many scans of a lidar are left out, given `dataset` of a summary; "" for none."""
-    left_out = dataset.get("left_out")
-    return f" ({left_out} more are left out, since the lidar had hardly moved)" if left_out else ""
+    """Returns in brackets of how many scans of a lidar some are left out, given `dataset` of a summary; "" for none."""
+    used, left_out = dataset.get("revolutions"), dataset.get("left_out")
+    if not used or not left_out:
+        return ""
+    return f" (of {used + left_out}; the others are left out, since the lidar had hardly moved)"
 
 
 def explain_rest(used: int, left_out: int) -> str:

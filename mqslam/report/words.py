@@ -56,6 +56,7 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "sigma_y_m": ("± to the left (one sigma)", " m"),
     "sigma_yaw_rad": ("± turned (one sigma)", " rad"),
     "length_m": ("length of path", " m"),
+    "revolutions": ("scans used", ""),
     "left_out": ("scans left out, hardly moved", ""),
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),

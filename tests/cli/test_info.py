@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from support.commands import mqslam, parse_strict_json, read_contents
 from support.recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
+from support.rooms import write_carmen
 from support.sensors import write_gnss_csv, write_imu_csv, write_oxford_gps
 
 from mqslam.commands.info import describe_radar
@@ -80,6 +81,12 @@ def test_programs_read_the_same_as_json(oxford: Path) -> None:
     assert json.loads(shown.out) == describe_radar(open_recording(oxford))
 
 
+def test_a_part_is_described_as_the_part_that_a_run_uses(street: Path) -> None:
+    table = table_of(mqslam("info", street, "--start", 2, "--end", 5.9).out)
+    assert table["scans"] == "16" and table["duration"] == "4.00 s" and table["turn rate"] == "4.000 Hz"
+    assert "only the 16 of 48 scans from 2 s to 5.9 s are used" in table["note"]
+
+
 def test_a_range_resolution_given_overrides_the_recordings(street: Path) -> None:
     recorded, given = (json.loads(mqslam("info", street, "--json", *w).out) for w in ([], ["--range-resolution", "0.2"]))
     assert recorded["range_resolution_m"] == 0.175 and given["range_resolution_m"] == 0.2
@@ -105,10 +112,18 @@ def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> 
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
     facts = json.loads(mqslam("info", log, "--json").out)
-    assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 3.0, 180.0)
+    assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 4.0, 180.0)
     assert facts["recording"] == {"poses": 4, "length_m": 3.0}
-    assert "recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map" in mqslam("info", log).out
+    shown = mqslam("info", log, "--end", 2.5).out
+    assert "recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map" in shown
+    assert table_of(shown)["scans"] == "3"
     shown = mqslam("info", tmp_path)
     assert shown.code == 2 and "bag with sensor_msgs/LaserScan; scans.log in this folder may be such a log" in shown.err
     shown = mqslam("check", log)
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err
+
+
+def test_of_a_lidar_with_wheels_it_is_said_that_a_run_uses_fewer_scans(tmp_path: Path) -> None:
+    scans = len(write_carmen(tmp_path / "rooms.log"))
+    shown = table_of(mqslam("info", tmp_path / "rooms.log").out)
+    assert shown["scans"] == f"{scans}; a run leaves out those between which the lidar hardly moves"

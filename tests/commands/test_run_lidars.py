@@ -14,9 +14,11 @@ from support.recordings import bag_path
 from support.rooms import slip, write_bag, write_carmen
 
 import mqslam
+from mqslam.commands.info import describe_lidar
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
+from mqslam.formats.lidars import read_lidar
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum
 
@@ -61,9 +63,11 @@ def test_counts_length_and_duration_of_a_run_agree_with_its_trajectory(
     assert dataset["duration_s"] == pytest.approx(0.2 * len(truth))
     assert dataset["length_m"] == pytest.approx(read_tum(out / "trajectory.tum").length_m, abs=0.01)
     page = (out / "report.html").read_text()
-    used, left_out = dataset["revolutions"], dataset["left_out"]
-    assert f"{used} scans ({left_out} more are left out, since the lidar had hardly moved)" in page
+    used = dataset["revolutions"]
+    assert f"{used} scans (of {len(truth)}; the others are left out, since the lidar had hardly moved)" in page
     assert f"Distances count from scan to scan of the {used} that are used" in page
+    facts = describe_lidar(read_lidar(out.parent / "rooms.log"))
+    assert (facts["scans"], facts["duration_s"]) == (len(truth), dataset["duration_s"])
 
 
 def test_a_run_of_rooms_leaves_all_files_and_judges_its_map_good(carmen: tuple[Path, Trajectory]) -> None:
