@@ -172,8 +172,8 @@ passes may still have the faults that could not be judged.
 | test | what it compares | what it tolerates | of a lidar | what it cannot see |
 |---|---|---|---|---|"""
 
-_AFTER_TABLE = """*Final psi* is psi of the map divided by the best psi that the same returns can have, over windows and
-across passes; at 1.00 each window, or each pass, is as crisp as it can be, whatever jumps and drift lie between them. Only
+_AFTER_TABLE = """[*Final psi*](score.md#final-psi) is psi of the map divided by the best possible psi of the same
+returns; at 1.00 each window, or each pass, is as crisp as it can be, whatever jumps and drift lie between them. Only
 `graph` uses psi of a whole map, to compare two maps of the same returns. [The tests of a map](map-tests.md) says how each
 test works. `audit.json` and `summary.json` hold the diagnosis, the reasons, and each test's verdict and p-value.
 """

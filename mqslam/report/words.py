@@ -61,6 +61,8 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),
     "factors.refinement": ("scans registered on earlier passes", ""),
+    "over_best_of_windows": ("times the best possible in windows", ""),
+    "over_best_of_passes": ("times the best possible across passes", ""),
     "ate_rmse_m": ("ATE, RMSE", " m"),
     "drift_deg_per_100m": ("rotation drift", " °/100 m"),
     "rpe_v_rms": ("speed error, RMS", " m/s"),

@@ -31,6 +31,7 @@ from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import Undecided
+from mqslam.cli.audit import _describe_final_psi
 from mqslam.config import Config
 from mqslam.report.heat_map import draw_heat_map
 from mqslam.report.spots import find_worst_spots
@@ -49,6 +50,15 @@ def test_a_map_that_fails_opens_without_a_number_that_looks_like_praise(tmp_path
     places = [text.index(shown) for shown in ("leads 2 m astray", "Heat map", "1 test passed", "0 of 10 windows")]
     assert places == sorted(places)
     assert "psi per point" not in text and "psi_per_point" not in text
+
+
+def test_final_psi_has_the_words_that_the_terminal_and_the_page_about_the_score_have(tmp_path: Path) -> None:
+    final = {"over_best_of_windows": 1.03, "over_best_of_passes": None}
+    write_audit(tmp_path, {**AUDIT_SUMMARY, "final_psi": final})
+    assert "Final ψ\ntimes the best possible in windows\n1.03\ntimes the best possible across passes\n–" in text_of(tmp_path)
+    assert _describe_final_psi(final) == "1.03 times the best possible in windows"
+    page = (Path(__file__).parents[2] / "docs" / "explanation" / "score.md").read_text(encoding="utf-8")
+    assert "`1.03 times the best possible in windows`" in page[page.index("## Final psi") :]
 
 
 def test_the_worst_place_is_listed_first_with_size_and_direction(pages: dict[str, Path]) -> None:
