@@ -67,6 +67,8 @@ def prepare_lidar(
 
 def warn_of_idle(settings: Config) -> list[str]:
     """Returns a warning for a lidar's recording that names the given settings that only radars use; [] if there are none."""
-    idle = [f"sensor.{name}" for name in _OF_RADARS if getattr(settings.sensor, name) is not None]
+    values = [(name, getattr(settings.sensor, name)) for name in _OF_RADARS]
+    no_shift = ("doppler_beta", 0.0)  # as the config.yaml of a lidar's run states it
+    idle = [f"sensor.{name}" for name, value in values if value is not None and (name, value) != no_shift]
     idle += [name for name, *_ in list_changes(Config(), settings) if name.startswith("detector.")]
     return [f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"] if idle else []

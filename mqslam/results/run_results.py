@@ -159,7 +159,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
     lines = list_notes(summary, [*recording.notes, *list_sensor_notes(summary)])
-    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
+    if not isinstance(recording, LidarRecording):  # only the ranges of radars shift
+        lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
     title = f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"
     write_text(folder / "run.log", format_log(title, [*lines, *list_stages(summary), *list_verdict(summary)]))
     write_json(folder / "summary.json", summary)

@@ -15,6 +15,8 @@ from support.rooms import slip, write_bag, write_carmen
 
 import mqslam
 from mqslam.commands.info import describe_lidar
+from mqslam.commands.lidar_inputs import warn_of_idle
+from mqslam.config import load_config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
@@ -83,6 +85,14 @@ def test_nothing_that_a_lidars_run_leaves_speaks_of_a_radar(carmen: tuple[Path, 
     for name in ("run.log", "report.html", "summary.json"):
         text = (carmen[0] / name).read_text().lower().replace("radar_topic", "")  # the page lists every setting by its name
         assert "radar" not in text
+    assert "Doppler" not in (carmen[0] / "run.log").read_text()
+
+
+def test_a_lidars_run_with_the_settings_of_an_earlier_one_warns_of_none(carmen: tuple[Path, Trajectory]) -> None:
+    earlier = load_config(carmen[0] / "config.yaml")
+    assert warn_of_idle(earlier) == []
+    (warning,) = warn_of_idle(set_doppler_beta(earlier, 0.05))
+    assert warning.endswith("settings of radars have no effect: sensor.doppler_beta")
 
 
 def test_motions_state_how_well_they_are_known_and_are_not_tied_along_the_path(carmen: tuple[Path, Trajectory]) -> None:
