@@ -64,6 +64,7 @@ _HALF_SIDE_M = 30.0  # half the side of the close view of a place
 _REACH_M = 43.0  # a circle of this radius holds the close view at any heading
 _SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle time belong to another pass
 _SAME_PATH_M: Final = 1e-3  # positions that differ by less look the same in a picture
+_SHORTEST_STEP: Final = 0.5  # speeds are shown over at least this share of the median time between scans
 _ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
 _DISTANCE: Final = "distance [m]"
 _GROUPS: Final = {
@@ -432,12 +433,25 @@ def _chart_correction(run: Run) -> list[Figure]:
 
 
 def _chart_speed(track: Trajectory) -> Figure:
-    """Returns a chart of the speed and the yaw rate of a trajectory over the path."""
-    twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
-    path = se2.path_lengths(track.poses)[1:]
+    """Returns a chart of the speed and the yaw rate of a trajectory over the path.
+
+    Scans whose stamps are much closer than usual share one value: over a millisecond, the errors of two poses and of their
+    stamps would show as speeds that nothing had.
+    """
+    least_us = int(_SHORTEST_STEP * np.median(np.diff(track.stamps_us)))
+    ends = [0]
+    for k, stamp_us in enumerate(track.stamps_us.tolist()):
+        if stamp_us - track.stamps_us[ends[-1]] >= least_us:
+            ends.append(k)
+    ends[-1] = len(track) - 1
+    stamps_us = track.stamps_us[ends]
+    twists = track.mean_twists(stamps_us[:-1], stamps_us[1:])
+    path = se2.path_lengths(track.poses)[ends[1:]]
     speed = Curve("speed forward", BLUE, over(path, twists[:, 0]))
     rate = Curve("yaw rate", PURPLE, over(path, np.rad2deg(twists[:, 2])), "--", beside=True)
     caption = "of the optimised trajectory, from scan to scan"
+    if len(ends) < len(track):
+        caption += f", over at least {1e-6 * least_us:.2g} s where stamps are closer"
     return _chart_both("Speed and yaw rate", caption, "speed [m/s]", [speed], "yaw rate [°/s]", rate)
 
 

@@ -91,6 +91,21 @@ def test_ellipses_wait_for_their_name_in_the_legend(pages: dict[str, Path]) -> N
     assert np.nanmax(np.abs(curve.points)) == pytest.approx(0.15)
 
 
+def test_scans_with_almost_the_same_stamp_do_not_spoil_the_chart_of_speeds() -> None:
+    steady = along(1.0)
+    stamps_us = steady.stamps_us.copy()
+    stamps_us[5] = stamps_us[6] - 1000  # the 1.25 m from scan 5 to scan 6 take a millisecond
+    highest, captions = [], []
+    for stamps in (steady.stamps_us, stamps_us):
+        section = chart_path(a_run(optimised=replace(steady, stamps_us=stamps)), None)
+        assert section is not None
+        chart = {figure.heading: figure for figure in section.figures}["Speed and yaw rate"]
+        highest.append(max(float(word) for word in words_of(chart) if word.replace(".", "", 1).isdigit()))
+        captions.append(chart.caption)
+    assert highest[0] == highest[1] == 300.0  # metres of path; the speed is 5 m/s
+    assert captions[1] == f"{captions[0]}, over at least 0.12 s where stamps are closer"
+
+
 def test_numbers_of_the_summary_are_shown_with_units_and_angles_in_degrees(pages: dict[str, Path]) -> None:
     text = text_of(pages["run"])
     for shown in ("71 % → 82 % (+15.5 %)", "0.312 m", "0.41 °/100 m", "812 MB"):
