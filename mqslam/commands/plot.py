@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,20 +18,34 @@ from mqslam.execution.folders import check_new_file
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
-from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, Chart, Curve, Drawing, draw_ellipses, draw_sheet, mix_shades, over
+from mqslam.report.canvas import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    Chart,
+    Curve,
+    Drawing,
+    Points,
+    draw_ellipses,
+    draw_sheet,
+    mix_shades,
+    over,
+)
 from mqslam.results.files import TRUTH
 
 SUFFIXES: Final = (".pdf", ".png", ".svg")
-_ELLIPSES = 30  # at most this many ellipses are drawn, so that the path stays visible
-_PATH: Final = "path [m]"
+_ELLIPSES = 30  # at most this many ellipses are drawn
+_PATH: Final = "distance along the path [m]"
 _REMEDY: Final = "give the folder of a run, a localisation or a merge"
 
 
 def plot(result: Result | Path | str, out: Path | str | None = None, *, force: bool = False) -> Path:
     """Draws a result as one figure: its map and path, and below them the error and the standard deviations over the path.
 
-    3-sigma ellipses of the covariances are drawn on the path. The error, and the ground truth aligned with the path, are
-    drawn if the result holds ground truth. For a merge, only the map and the paths are drawn.
+    3-sigma ellipses of the covariances lie under the path; of ellipses that would overlap, only the last is drawn. The
+    error, and the ground truth aligned with the path, are drawn if the result holds ground truth. For a merge, only the map
+    and the paths are drawn.
 
     Args:
         result: a result of `run`, `localise` or `merge`, or its folder.
@@ -70,7 +85,8 @@ def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
         if (folder / TRUTH).is_file():
             _add_truth(tracks[0], read_tum(folder / TRUTH), curves, charts)
         if (folder / "covariances.csv").is_file():
-            _add_covariances(folder / "covariances.csv", tracks[0], curves, charts)
+            shown = [points for points, _ in maps] + [curve.points for curve in curves]
+            _add_covariances(folder / "covariances.csv", tracks[0], shown, curves, charts)
     return Drawing(maps, curves), charts
 
 
@@ -98,10 +114,13 @@ def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts
     charts.append(Chart("error [m]", (Curve("error after alignment", GREEN, over(*errors)),), x_title=_PATH))
 
 
-def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
+def _add_covariances(
+    file: Path, track: Trajectory, shown: Sequence[Points], curves: list[Curve], charts: list[Chart]
+) -> None:
     """Adds 3-sigma ellipses to the curves, and standard deviations [m] along and across the heading to the charts.
 
-    Nothing is added if no covariance has the stamp of a pose.
+    The ellipses come before the last curve, which is the path and is drawn over them. The arrays `shown` hold the points of
+    the map and of the curves. Nothing is added if no covariance has the stamp of a pose.
     """
     given = read_covariances(file)
     known = np.isin(given.stamps_us, track.stamps_us)
@@ -110,7 +129,7 @@ def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts:
     at = np.searchsorted(track.stamps_us, given.stamps_us[known])
     poses, covariances = track.poses[at], given.covariances[known]
     drawn = np.unique(np.linspace(0, len(poses) - 1, _ELLIPSES).round().astype(int))
-    curves.append(draw_ellipses(poses[drawn, :2], covariances[drawn], track.poses[:, :2])[0])
+    curves.insert(-1, draw_ellipses(poses[drawn, :2], covariances[drawn], shown)[0])
     own = [se2.rotate_covariance(one, -yaw) for one, yaw in zip(covariances, poses[:, 2].tolist(), strict=True)]
     sigmas = np.sqrt(np.maximum(np.diagonal(np.array(own), axis1=1, axis2=2), 0.0))
     path = se2.path_lengths(track.poses)[at]

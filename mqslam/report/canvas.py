@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -43,7 +44,7 @@ _LEFT_OUT: Final = {  # metadata that would differ between two drawings of the s
     ".pdf": ("CreationDate", "Creator", "Producer"),
     ".png": ("Software",),
 }
-_LARGEST_ELLIPSE = 0.015  # largest radius of an ellipse, as a share of the path's side
+_LARGEST_ELLIPSE = 0.015  # largest radius of an enlarged ellipse, as a share of the picture's width
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
 _MOST = 1200  # most points of a line that a chart draws: nobody could see more
@@ -135,30 +136,34 @@ def join_lines(lines: Sequence[Points]) -> Points:
     return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
 
 
-def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Points) -> tuple[Curve, float]:
+def draw_ellipses(positions: Points, covariances: NDArray[np.float64], shown: Sequence[Points]) -> tuple[Curve, float]:
     """Returns a curve of 3-sigma ellipses, enlarged if they are too small to be seen, and their largest true radius [m].
 
-    If there are more than `_ELLIPSES` positions, this number of them is picked evenly, for the curve and for the radius.
+    If there are more than `_ELLIPSES` positions, this number of them is picked evenly, for the curve and for the radius. Of
+    ellipses that would overlap, only the last is drawn, so that they do not cover the path.
 
     Args:
         positions: (N, 2) middle x, y of each ellipse [m].
         covariances: (N, 2, 2) in x, y [m], or (N, 3, 3) in x, y, yaw, of which x and y are drawn; in the positions' frame.
-        path: (M, 2) points of the whole path [m], whose extent decides how large the ellipses are drawn.
+        shown: arrays of points (M, 2) [m] of the picture, whose extent decides how large the ellipses are drawn.
     """
     round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
     picked = pick_evenly(len(positions), _ELLIPSES)
-    shapes, largest = [], 0.0
+    centres, shapes, reaches = positions[picked], [], []
     for covariance in covariances[picked]:
         values, axes = np.linalg.eigh(covariance[:2, :2])
         radii = 3.0 * np.sqrt(np.maximum(values, 0.0))
         shapes.append(circle * radii @ axes.T)
-        largest = max(largest, float(radii.max()))
-    side = float(np.ptp(path, axis=0).max())
-    factor = _round_down(_LARGEST_ELLIPSE * side / largest) if largest > 0.0 else 1.0
-    drawn = join_lines([centre + factor * shape for centre, shape in zip(positions[picked], shapes, strict=True)])
+        reaches.append(float(radii.max()))
+    largest, view = max(reaches, default=0.0), find_common_view(shown, SHEET_SHAPE, OUTERMOST)
+    factor = _round_down(_LARGEST_ELLIPSE * (view.x1 - view.x0) / largest) if largest > 0.0 else 1.0
+    apart: list[int] = []
+    for k in reversed(range(len(picked))):
+        if all(math.dist(centres[k], centres[other]) >= factor * (reaches[k] + reaches[other]) for other in apart):
+            apart.insert(0, k)
     name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, drawn {factor:g} times as large"
-    return Curve(name, PURPLE, drawn, width=1.2), largest
+    return Curve(name, PURPLE, join_lines([centres[k] + factor * shapes[k] for k in apart]), width=1.2), largest
 
 
 def _round_down(factor: float) -> float:

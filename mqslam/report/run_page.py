@@ -288,7 +288,8 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
     sure = run.covariances
     poses = run.optimised.poses[sure.indices]
     turned = [se2.rotate_covariance(own, yaw) for own, yaw in zip(sure.covariances, poses[:, 2].tolist(), strict=True)]
-    curve, largest = draw_ellipses(poses[:, :2], np.array(turned).reshape(-1, 3, 3), run.optimised.poses[:, :2])
+    shown = [run.map_optimised.points, run.optimised.poses[:, :2]]
+    curve, largest = draw_ellipses(poses[:, :2], np.array(turned).reshape(-1, 3, 3), shown)
     explained = []
     if sure.failure:
         explained.append(f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}).")

@@ -18,6 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
+from mqslam.report.canvas import BLUE, PURPLE
 from mqslam.results.batch_results import OPTIONS
 
 
@@ -269,6 +270,7 @@ def test_plot_draws_map_error_and_covariance(suffix: str, begin: bytes, finished
     if suffix == ".svg":
         words = content.decode()
         assert all(word in words for word in ("ground truth", "path", "3σ ellipses", "error [m]", "1σ across", "<image"))
+        assert 0 < words.index(f"stroke: {PURPLE}") < words.index(f"stroke: {BLUE}")  # the path lies over the ellipses
     if suffix == ".png":
         with Image.open(first) as image:
             assert image.height > image.width and np.asarray(image.convert("L")).std() > 10.0

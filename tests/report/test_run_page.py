@@ -85,10 +85,18 @@ def test_ellipses_wait_for_their_name_in_the_legend(pages: dict[str, Path]) -> N
     (ellipses,) = (line for line in scene_of(pages["run"])["lines"] if line["name"].startswith("3σ ellipses"))
     assert ellipses["shown"] is False
     assert ellipses["name"] == "3σ ellipses"
-    small = np.array([1e-4 * np.eye(3)])  # 3σ are 0.03 m; the most that is drawn is 0.15 m, 1.5 % of the path's 10 m
-    curve, largest = draw_ellipses(np.zeros((1, 2)), small, np.array([[0.0, 0.0], [10.0, 0.0]]))
+    small = np.array([1e-4 * np.eye(3)])  # 3σ are 0.03 m; the most that is drawn is 0.159 m, 1.5 % of the picture's 10.6 m
+    curve, largest = draw_ellipses(np.zeros((1, 2)), small, [np.array([[0.0, 0.0], [10.0, 0.0]])])
     assert curve.name == "3σ ellipses, drawn 5 times as large" and largest == pytest.approx(0.03)
     assert np.nanmax(np.abs(curve.points)) == pytest.approx(0.15)
+
+
+def test_ellipses_that_would_cover_a_short_path_are_left_out() -> None:
+    path = np.c_[np.linspace(0.0, 1.0, 21), np.zeros(21)]
+    curve, largest = draw_ellipses(path, np.tile(0.0081 * np.eye(2), (21, 1, 1)), [path])
+    assert curve.name == "3σ ellipses" and largest == pytest.approx(0.27)
+    middles = np.nanmean(curve.points.reshape(2, -1, 2)[:, 1:], axis=1)  # the first corner of an ellipse is its last, too
+    np.testing.assert_allclose(middles, [[0.45, 0.0], [1.0, 0.0]], atol=1e-9)  # the last pose has one, and one 0.55 m before
 
 
 def test_scans_with_almost_the_same_stamp_do_not_spoil_the_chart_of_speeds() -> None:
