@@ -9,6 +9,7 @@ import html
 import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 from fields import describe_fields
@@ -22,9 +23,17 @@ from mqslam.auditing.table import TESTS
 from mqslam.config import Config, load_config
 from mqslam.core.units import LIDAR_CONFIG
 
+ROOT = Path(__file__).parents[2]
+PAGES_OF_ROOT = {
+    "BENCHMARKS.md": "reference/figures.md",
+    "CHANGELOG.md": "reference/changes.md",
+    "CONTRIBUTING.md": "how-to/contributing.md",
+}
+"""Files in the folder of the project, and the pages that they are on the site."""
+
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the generated pages to those that are written by hand."""
+    """Adds the generated pages, and those from the folder of the project, to the pages in the folder of documentation."""
     pages = {
         "reference/cli.md": describe_commands(),
         "reference/settings.md": describe_settings(),
@@ -33,18 +42,24 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
+    for name, page in PAGES_OF_ROOT.items():
+        files.append(File.generated(config, page, abs_src_path=str(ROOT / name)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
-    """Makes the search prefer pages that say what to do to long lists of figures and changes, and mends the links of these.
+    """Makes the search prefer pages that say what to do to long lists of figures and changes, and fits links to the site.
 
-    Both lists are files in the folder of the project, from where their links lead.
+    In a clone, links lead to files in the folder of the project, and from there to pages.
     """
     part, _, name = page.file.src_uri.partition("/")
     boost = 0.2 if name in ("figures.md", "changes.md") else 2.0 if part in ("how-to", "tutorials") else 1.0
     page.meta["search"] = {"boost": boost}
-    return re.sub(r"\]\((?:docs/|(?=notebooks/))", "](../", markdown) if name in ("figures.md", "changes.md") else markdown
+    for outside, inside in PAGES_OF_ROOT.items():
+        markdown = re.sub(rf"\]\((?:\.\./\.\./)?{outside}", f"](../{inside}", markdown)
+    if page.file.src_uri in PAGES_OF_ROOT.values():
+        markdown = re.sub(r"\]\((?:docs/|(?=notebooks/))", "](../", markdown)
+    return markdown
 
 
 def describe_commands() -> str:
