@@ -62,7 +62,7 @@ from mqslam.solution import Run
 # the looks of the page; no result depends on them
 _HALF_SIDE_M = 30.0  # half the side of the close view of a place
 _REACH_M = 43.0  # a circle of this radius holds the close view at any heading
-_SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle time belong to another pass
+_SAME_TIME_S = 15.0  # points seen longer than this before or after a window's middle time have another colour
 _SAME_PATH_M: Final = 1e-3  # positions that differ by less look the same in a picture
 _SHORTEST_STEP: Final = 0.5  # speeds are shown over at least this share of the median time between scans
 _ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
@@ -268,7 +268,7 @@ def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) 
             explain_torn(apply_tolerance(run.config.audit, run.config.verdict)),
         ),
         lines=lines,
-        groups=("this pass", "other passes"),
+        groups=(f"seen within {_SAME_TIME_S:g} s", "seen earlier or later"),
         first=max(range(len(run.checks)), key=lambda k: rank_spot(spot_of_window(run.checks[k])), default=0),
         is_calm=part_of(summary, "verdict").get("status") == VerdictStatus.PASS,
     )
@@ -316,11 +316,11 @@ def _show_windows(run: Run) -> list[Place]:
 
 
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
-    """Returns for each window two arrays of points (M, 2) [m]: those of its own pass, and those of other passes.
+    """Returns for each window two arrays of points (M, 2) [m]: those seen at its time, and all others.
 
-    Points belong to its own pass if they were seen within `_SAME_PASS_S` of the window's middle. They are in the frame of
-    the sensor at the window's middle scan. If the page cannot show all points, the map is thinned evenly, so that the
-    crops of a lidar, whose windows all show the same rooms, do not fill the memory.
+    Those of its time were seen within `_SAME_TIME_S` of the window's middle. The points are in the frame of the sensor at
+    the window's middle scan. If the page cannot show all points, the map is thinned evenly, so that the crops of a lidar,
+    whose windows all show the same rooms, do not fill the memory.
     """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
@@ -332,7 +332,7 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
             near = tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True)
             seen = se2.transform(se2.inverse(pose), points[near])
             inside = np.abs(seen).max(axis=1, initial=0.0) <= _HALF_SIDE_M
-            own = np.abs(times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
+            own = np.abs(times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_TIME_S
             crop[0].append(seen[inside & own])
             crop[1].append(seen[inside & ~own])
     return [[np.concatenate(group) for group in crop] for crop in crops]
@@ -429,7 +429,7 @@ def _chart_correction(run: Run) -> list[Figure]:
     path = se2.path_lengths(after)
     moved = Curve("moved", BLUE, over(path, np.hypot(*(after[:, :2] - before[:, :2]).T)))
     turn = Curve("turned", PURPLE, over(path, np.rad2deg(turned)), "--", beside=True)
-    caption = f"from {run.before} to the optimised trajectory, both from one start"
+    caption = f"of the optimised trajectory against that under {run.before}, both from one start"
     return [_chart_both("Correction over distance", caption, "moved by [m]", [moved], "turned by [°]", turn)]
 
 

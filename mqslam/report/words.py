@@ -57,6 +57,7 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "sigma_yaw_rad": ("± turned (one sigma)", " rad"),
     "length_m": ("length of path", " m"),
     "revolutions": ("scans used", ""),
+    "unread": ("scans that could not be read", ""),
     "left_out": ("scans left out, hardly moved", ""),
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),

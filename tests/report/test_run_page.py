@@ -119,7 +119,7 @@ def test_numbers_of_the_summary_are_shown_with_units_and_angles_in_degrees(pages
     for shown in ("71 % → 82 % (+15.5 %)", "0.312 m", "0.41 °/100 m", "812 MB"):
         assert shown in text, shown
     assert "20 motions between 21 scans: 19 converged, 1 lost" in text
-    assert "drift\n–" in text
+    assert "drift\n–" in text and "scans used\n60" in text and "revolutions" not in text
     assert "bias\n2 °/s" in text and "turns its end by\n1 °" in text and "yaw rate error, RMS\n3 °/s" in text
     assert "moves the trajectory by (RMS)\n0.25 m" in text and "GNSS" not in text
     assert " rad" not in text[text.index("Numbers") : text.index("Settings")]
@@ -264,7 +264,8 @@ def test_a_click_on_a_curve_shows_the_place_before_and_after(pages: dict[str, Pa
         shown = browser.find_element("id", "place")
         WebDriverWait(browser, PATIENCE_S).until(lambda _: shown.text.startswith(f"window {time - 0.75:.1f} s to"))
         crops = browser.execute_script("return document.getElementById('crop').data.map((t) => [t.name, t.x.length])")
-        assert [name for name, _ in crops] == ["this pass", "other passes"] * 2 and sum(count for _, count in crops) > 0
+        assert [name for name, _ in crops] == ["seen within 15 s", "seen earlier or later"] * 2
+        assert sum(count for _, count in crops) > 0
         marked = browser.execute_script("return document.getElementById('map').data.at(-1).x.length")
         assert marked == 2
         browser.find_element("id", "next").click()
@@ -294,6 +295,17 @@ def test_it_prints_on_a4(pages: dict[str, Path]) -> None:
         printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})["data"]
     boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", base64.b64decode(printed))
     assert boxes and all((round(float(w)), round(float(h))) == (595, 842) for w, h in boxes)
+
+
+@pytest.mark.slow
+def test_a_long_path_does_not_cut_the_numbers_beside_it_in_print(tmp_path: Path) -> None:
+    write_run(tmp_path, {**RUN_SUMMARY, "dataset": {**RUN_SUMMARY["dataset"], "path": f"/data/{'long' * 20}.log.gz"}})
+    with chromium(width=700) as browser:
+        opened(browser, tmp_path / "report.html")
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        wide = "const numbers = document.querySelector('.dense'); return [numbers.scrollWidth, numbers.clientWidth]"
+        needed, given = browser.execute_script(wide)
+    assert needed <= given
 
 
 @pytest.mark.slow
