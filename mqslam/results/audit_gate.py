@@ -46,10 +46,21 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
     write_bytes(folder / "junit.xml", format_junit(summary))
 
 
+def name_audited(summary: Mapping[str, Any]) -> str:
+    """Returns which data were audited, with their layout, and under which trajectory, if there is one.
+
+    Args:
+        summary: content of audit.json.
+    """
+    dataset, trajectory = summary["dataset"], summary["trajectory"]
+    return f"{dataset['path']} ({dataset['format']}){'' if trajectory is None else f' under {trajectory}'}"
+
+
 def format_markdown(summary: Mapping[str, Any]) -> str:
-    """Returns the content of audit.json as Markdown: the verdict, what is worse than before, and a table of the tests."""
+    """Returns audit.json as Markdown: the verdict, what was audited, what is worse than before, and a table of the tests."""
     verdict, baseline = summary["verdict"], summary.get("baseline")
     blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
+    blocks.append([f"Audited: {_plain(name_audited(summary))}"])
     if baseline is not None:
         what = "this is worse:" if baseline["worse"] else "nothing is worse."
         blocks += [[f"Compared with {_plain(baseline['path'])}, {what}"]]

@@ -33,7 +33,7 @@ from mqslam.config import Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of, describe_times
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.audit_gate import write_gate
+from mqslam.results.audit_gate import name_audited, write_gate
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
@@ -418,10 +418,8 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: 
     write_text(folder / "config.yaml", dump_yaml(config))
     for name, (key, columns) in _FILES.items():
         write_text(folder / name, format_csv(map(format_numbers, summary[key]), _names(columns)))
-    dataset, trajectory = summary["dataset"], summary["trajectory"]
-    under = "" if trajectory is None else f" under {trajectory}"
-    title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
-    worded = {key: _word_texts(value, word) for key, value in summary.items() if key in _READ}
+    title = f"mqslam {summary['mqslam_version']}: audit of {name_audited(summary)}"
+    worded = {key: _word_texts(value, word) if key in _READ else value for key, value in summary.items()}
     lines = [*list_notes(worded, worded.get("notes", ())), *list_verdict(worded)]
     write_text(folder / "run.log", format_log(title, lines))
     write_gate(folder, worded)

@@ -15,7 +15,8 @@ def audited(baseline: dict[str, Any] | None = None, **statuses: str) -> dict[str
     """Returns an audit.json with the statuses of the verdict and of tests."""
     tests = {name: {"status": status, "p_value": None, "reasons": [f"<{name}> | said"]} for name, status in statuses.items()}
     verdict = {**tests.pop("verdict"), "diagnosis": "a *bold* \x1b[31m claim"}
-    return {"verdict": verdict, "tests": tests, "baseline": baseline}
+    subject = {"dataset": {"path": "a_drive", "format": "native"}, "trajectory": "slam.tum"}
+    return {"verdict": verdict, "tests": tests, "baseline": baseline, **subject}
 
 
 def test_a_status_that_is_graver_than_before_is_worse() -> None:
@@ -38,6 +39,9 @@ def test_markdown_has_a_row_per_test_and_nothing_active() -> None:
     assert "Compared with my\\_old, this is worse:\n\n- steps" in format_markdown(
         audited(worse | {"path": "my_old"}, verdict="warn")
     )
+    assert lines[4] == r"Audited: a\_drive (native) under slam.tum"
+    cloud = audited(verdict="pass") | {"dataset": {"path": "map.ply", "format": "ply"}, "trajectory": None}
+    assert "\n\nAudited: map.ply (ply)\n\n| test |" in format_markdown(cloud)
     for given in (worse, worse | {"worse": []}, None):
         text = format_markdown(audited(given, verdict="warn", steps="warn"))
         assert " \n" not in text and "\n\n\n" not in text and "\n\n| test |" in text and not text.endswith("\n\n")
