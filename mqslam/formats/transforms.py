@@ -13,6 +13,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.formats.bags import TF_TYPE, Clock, describe_left_out, name_frame
+from mqslam.formats.poses import mark_places
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -44,8 +45,9 @@ def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
 
 
 def _is_motion(numbers: _Numbers) -> bool:
-    """Returns whether the numbers of a transform are finite and its quaternion is not zero."""
-    return bool(np.isfinite(numbers).all() and np.linalg.norm(numbers[3:]) > 0.0)
+    """Returns whether the numbers of a transform are finite, its place up to 1e9 m away, and its quaternion not zero."""
+    is_finite = np.isfinite(numbers).all() and mark_places(np.array(numbers[:3]))
+    return bool(is_finite and np.linalg.norm(numbers[3:]) > 0.0)
 
 
 @dataclass(slots=True)
@@ -161,7 +163,8 @@ class Transforms:
 
     Args:
         links: by child frame, its transforms.
-        left_out: number of transforms that were left out because a number is not finite or the quaternion is zero.
+        left_out: number of transforms that were left out because a number is not finite, the place is over 1e9 m away, or
+            the quaternion is zero.
         clock: reads the stamps of the transforms.
     """
 

@@ -13,7 +13,7 @@ from support.recordings import KINDS, START_US, TF, Bag, bag_path, bag_writer
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_trajectory, read_with_notes
 
 STEPS = 21
 STAMPS = START_US + 50_000 * np.arange(STEPS)
@@ -168,6 +168,19 @@ def test_transforms_that_share_no_time_are_named(tmp_path: Path) -> None:
             tree.add(stamp + 10**9, ("map", "odom"), [float(k), 0.0, 0.0])
     with pytest.raises(DataError, match=r"holds fewer than two times at which all of base_link, odom have a transform"):
         read_trajectory(path)
+
+
+@pytest.mark.parametrize("x", [2e9, np.inf, np.nan])
+def test_transforms_to_no_place_on_the_earth_are_left_out_and_counted(tmp_path: Path, x: float) -> None:
+    path = tmp_path / "drive.bag"
+    with bag_writer(path, "ros1") as bag:
+        tree = Tree(bag)
+        for k, (stamp, pose) in enumerate(zip(STAMPS.tolist(), WHEELS, strict=True)):
+            tree.add(stamp, ("odom", "base_link"), pose if k != 4 else [x, 0.0, 0.0])
+    track, notes = read_with_notes(path)
+    np.testing.assert_allclose(track.poses, np.delete(WHEELS, 4, axis=0), atol=1e-6)
+    why = "a quaternion of zeros, numbers that are not finite, or a place over 1e9 m away"
+    assert f"1 transform is left out: {why}" in notes
 
 
 def test_a_bag_without_transforms_has_no_frames(tmp_path: Path) -> None:
