@@ -323,7 +323,11 @@ OPTIONS: Final[Options] = {
         "--end",
         metavar="SECONDS",
     ),
-    "strict": flag("Stop at the first scan that cannot be read, instead of leaving it out with a warning.", "--strict"),
+    "strict": flag(
+        "Stop at any fault of a radar's recording, such as a scan that cannot be read or stamps that run backward, instead "
+        "of warning of it.",
+        "--strict",
+    ),
     "fail_on": option(
         str | None,
         None,

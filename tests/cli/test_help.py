@@ -130,6 +130,12 @@ def test_options_are_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize("command", ["run", "localise"])
+def test_help_of_strict_says_that_it_refuses_every_fault(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "240")
+    assert "Stop at any fault of a radar's recording, such as a scan that cannot be read" in mqslam(command, "--help").out
+
+
 def test_help_of_fail_on_names_no_option_that_a_command_lacks() -> None:
     assert "--mend" in mqslam("audit", "--help").out
     assert all("--mend" not in mqslam(command, "--help").out for command in ("batch", "run"))
