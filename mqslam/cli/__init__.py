@@ -5,7 +5,9 @@ The files import heavy libraries only when their command runs, so that the help 
 
 from __future__ import annotations
 
+import errno
 import sys
+from typing import NoReturn
 
 import typer
 
@@ -75,6 +77,12 @@ def _top(
     """
 
 
+def _end(error: MqslamError, command: str) -> NoReturn:
+    """Prints the error of a command in one line on stderr, and ends the process with exit code 2."""
+    print(f"mqslam: error: {show(name_options(str(error), command))}", file=sys.stderr)
+    sys.exit(2)
+
+
 def main() -> None:
     """Runs the command line and ends the process with the command's exit code.
 
@@ -86,8 +94,11 @@ def main() -> None:
         with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
-        print(f"mqslam: error: {show(name_options(str(error), command))}", file=sys.stderr)
-        sys.exit(2)
+        _end(error, command)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        _end(MqslamError(f"{error.filename}: is a longer path than the system allows", "give a shorter one"), command)
     except Interrupted as error:
         print(f"mqslam: {show(name_options(str(error), command))}", file=sys.stderr)
         sys.exit(128 + error.number)

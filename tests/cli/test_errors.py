@@ -98,6 +98,15 @@ def test_the_installed_command_ends_the_same_way(tmp_path: Path, case: str) -> N
     assert read_contents(tmp_path) == before
 
 
+@pytest.mark.parametrize("words", ["show NAME", "diff NAME NAME", "plot NAME", "view NAME", "convert NAME out.bag"])
+def test_a_name_that_is_too_long_for_the_system_is_one_line(words: str) -> None:
+    name = 300 * "x"
+    shown = mqslam(*words.replace("NAME", name).split())
+    assert shown.code == 2 and shown.out == ""
+    assert shown.err.startswith(f"mqslam: error: {name}") and shown.err.count("\n") == 1
+    assert shown.err.endswith(": is a longer path than the system allows; give a shorter one\n")
+
+
 def test_an_error_in_a_worker_is_the_same_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(local_engine, "_WORTH_PROCESSES", 1)
     arguments = truncated_image(tmp_path)
