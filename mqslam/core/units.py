@@ -32,7 +32,7 @@ _LENGTHS: Final = {
     *(("psi", key) for key in ("s", "beta_s", "tau")),
     ("tracker", "speed_max"),
 }
-_DIGITS: Final = 9  # digits after the point to which ratios of lengths are rounded, since they differ by rounding errors
+_DIGITS: Final = 12  # significant digits to which ratios of lengths are rounded, since they differ by rounding errors
 _NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # properties of the sensor
 
 
@@ -90,9 +90,8 @@ def find_unit(config: Config, usual: Config) -> float | None:
     ratios = Counter[float]()
     for name, section in usual:
         given = _list_lengths(name, getattr(config, name))
-        ratios.update(
-            round(given[key] / value, _DIGITS) for key, value in _list_lengths(name, section).items() if key in given
-        )
+        lengths = _list_lengths(name, section).items()
+        ratios.update(float(f"{given[key] / value:.{_DIGITS}g}") for key, value in lengths if key in given)
     unit_m, count = ratios.most_common(1)[0]
     return unit_m if unit_m != 1.0 and 2 * count > ratios.total() else None
 

@@ -50,10 +50,12 @@ def test_what_a_user_changed_is_told_from_what_follows_from_the_recording() -> N
     assert followed["audit.bend_m"] == load_config("lidar").audit.bend_m
 
 
-def test_runs_of_two_lidars_differ_by_the_ratio_of_their_units() -> None:
-    coarse = fit_to_lidar(Config(), replace(SCANS, unit_m=0.5))
-    changes = sort_changes(fit_to_lidar(Config(), SCANS), coarse)
-    assert changes.unit_m == 2.0
+@pytest.mark.parametrize("unit_m", [0.5, 0.27, 0.07])
+def test_runs_of_two_lidars_differ_by_the_ratio_of_their_units(unit_m: float) -> None:
+    other = fit_to_lidar(Config(), replace(SCANS, unit_m=unit_m))
+    changes = sort_changes(fit_to_lidar(Config(), SCANS), other)
+    assert changes.unit_m == pytest.approx(unit_m / 0.25) and changes.own == []
+    assert sort_changes(other, fit_to_lidar(Config(), SCANS)).own == []
     assert {name for name, *_ in changes.followed} >= {"estimator.s", "map.cell_m", "tracker.speed_max"}
 
 
