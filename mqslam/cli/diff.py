@@ -22,7 +22,6 @@ _SHOWN = (  # groups of figures that are printed; --json lists all groups
     *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
     *("last_pose", "factors", "evaluation"),
 )
-_NO_TRAJECTORIES = "a result holds none (audits keep no trajectory) or they share fewer than 3 stamps"
 _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 
@@ -42,11 +41,11 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
     terminal.print_results(differences, lambda: echo(_format(differences)))
 
 
-def _parse_options(line: str) -> dict[str, Any] | None:
-    """Returns the values of the options in a command line, by name; None if the line is no command of mqslam.
+def _parse_options(line: str) -> dict[str, Any] | str:
+    """Returns the values of the options in a command line, by name; a text if the line is no command, or `mqslam batch`.
 
-    It is None for `batch`, too, whose options are not those of its runs. Options that change no result are left out, and
-    settings, since every result holds its settings itself.
+    The text says why the options are not known; those of `batch` are not those of its runs. Options that change no result
+    are left out, and settings, since every result holds its settings itself.
     """
     from mqslam.cli import app
 
@@ -54,9 +53,11 @@ def _parse_options(line: str) -> dict[str, Any] | None:
     try:
         words = shlex.split(line)
     except ValueError:  # the line is cut or was edited
-        return None
-    if len(words) < 2 or words[1] not in commands or words[1] == "batch":
-        return None
+        words = []
+    if len(words) < 2 or words[1] not in commands:
+        return "holds no command of mqslam"
+    if words[1] == "batch":
+        return "holds the command of a batch, whose options are not those of its runs"
     command = commands[words[1]]
     context = type(command).context_class(command, ignore_unknown_options=True, resilient_parsing=True)
     given = command.make_parser(context).parse_args(words[2:])[0]
@@ -73,27 +74,33 @@ def _format(differences: dict[str, Any]) -> str:
     shown |= {name: both for name, both in figures.items() if name.partition(".")[0] in _SHOWN}
     options = differences["options"]
     given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}
-    unknown = "options: not known, because run.log of a result holds no command of mqslam, or that of a batch"
-    parts = [unknown] if options is None else []
+    parts = [f"options: not known, because {differences['options_not_known']}"] if options is None else []
     kinds = {} if options is None else {"options": given}
-    others = len(differences["figures"]) - len(shown)
+    others, followed = len(figures) - len(shown), len(differences["followed"])
     heading = "main figures" if others else "figures"
     for kind, values in {**kinds, "settings": differences["settings"], heading: shown}.items():
         rows = [(name, _format_change(both)) for name, both in values.items()]
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
+        if kind == "settings" and followed:
+            parts.append(f"settings that follow from the recordings: {count_of(followed, 'difference')}, which --json lists")
     if others:
         parts.append(f"other figures: {count_of(others, 'difference')}, which --json lists")
     if differences["psi_not_compared"] is not None:
         parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]
     if apart is None:
-        return "\n".join([*parts, f"trajectories: not compared, because {_NO_TRAJECTORIES}"])
+        return "\n".join([*parts, f"trajectories: not compared, because {differences['trajectories_not_compared']}"])
     rows = [("trajectories", "")]
     for key, name in _CASES.items():
         case = apart[key]
         distance = f"{case['largest_m']:.3f} m apart at most (at {case['at_s']:.1f} s), {case['rms_m']:.3f} m RMS"
-        turn = f"turned by {math.degrees(case['largest_rad']):.3f} deg at most (at {case['turned_at_s']:.1f} s)"
+        if case["largest_rad"] is None:
+            where = f"{apart['spread_m']:.3f} m RMS from their middle"
+            known = f"show the rotation only to {math.degrees(case['uncertain_rad']):.3f} deg"
+            turn = f"headings not compared, because the positions, {where}, {known}"
+        else:
+            turn = f"turned by {math.degrees(case['largest_rad']):.3f} deg at most (at {case['turned_at_s']:.1f} s)"
         rows.append((name, f"{distance}; {turn}"))
     return "\n".join([*parts, format_rows(rows, 13)])
 

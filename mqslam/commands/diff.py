@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from mqslam.commands.lidar_inputs import is_of_radars
+from mqslam.commands.lidar_settings import sort_changes
 from mqslam.commands.result import Result, read_result
-from mqslam.config import read_tree
+from mqslam.config import load_config, read_tree
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import ConfigError, DataError
 from mqslam.evaluation import align_positions, pair_poses
+from mqslam.formats import lidars
 from mqslam.formats.tum import read_tum
 from mqslam.results.batch_results import OPTIONS
 from mqslam.results.files import read_origin
@@ -29,36 +34,46 @@ _COMMANDS: Final = {
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
 _OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # sections that change the returns or psi
-_NOT_OF_RETURNS: Final = frozenset({"sensor.doppler_beta", "sensor.odometry_topic", "sensor.truth_topic"})
+_DOPPLER: Final = "sensor.doppler_beta"  # a setting that a run measures unless it is given
+_NOT_OF_RETURNS: Final = frozenset({_DOPPLER, "sensor.odometry_topic", "sensor.truth_topic"})
 _LENGTH_OF_BINS: Final = "range_resolution"  # the only option that changes the returns and is no setting
 _SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s")  # entries of `dataset`
+_DIGITS: Final = 6  # digits after the point of positions [m] in trajectory.tum
 _PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # names of entries of a summary that hold psi
 
 Given = Mapping[str, Any]
 
 
 def diff_results(
-    first: Path | str, second: Path | str, parse_options: Callable[[str], Given | None] = lambda line: None
+    first: Path | str, second: Path | str, parse_options: Callable[[str], Given | str] = lambda line: "is not parsed"
 ) -> dict[str, Any]:
     """Compares two results of the same kind.
 
     Args:
         first: folder of a result.
         second: folder of another result.
-        parse_options: returns the options, by name, in the command line that made a result; None if the line is no command.
+        parse_options: returns the options, by name, in the command line that made a result; if they are not known, a text
+            that says of run.log why, such as `holds no command of mqslam`.
 
     Returns:
         For two batches, `entries` holds the names of those runs whose options or settings differ, each with a dict of these
         as in `options`, and `verdicts` the names of those runs whose verdicts differ; a run that only one batch has differs
         in `data`.
 
-        For other results, `options`, `settings` and `figures` hold the names whose values differ, each with [first value,
-        second value]; a value that a result lacks is None. `options` is None if the options of a result are unknown; those
-        of a run in the folder of a batch are known if the other result is such a run, too. `psi_not_compared` says why
-        `figures` leaves psi out; it is None if psi compares. `trajectories` holds the number of shared `stamps`, the
-        `length_m` of the first trajectory, and the differences `as_they_are` and `aligned` (after the best rigid alignment):
-        the largest and the RMS distance [m], the largest rotation [rad], and when both are largest [s since the first shared
-        stamp]. `trajectories` is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
+        For other results, `options`, `settings`, `followed` and `figures` hold the names whose values differ, each with
+        [first value, second value]; a value that a result lacks is None. `followed` holds the settings that differ only
+        because the commands took them from the recordings. `options` is None if the options of a result are unknown, and
+        `options_not_known` says why; those of a run in the folder of a batch are known if the other result is such a run,
+        too. `psi_not_compared` says why `figures` leaves psi out; it is None if psi compares. `trajectories` is None if the
+        trajectories cannot be compared, and `trajectories_not_compared` says why.
+
+        `trajectories` holds the number of shared `stamps`, the `length_m` of the first trajectory, `spread_m` (the RMS
+        distance of its positions from their mean), and the differences `as_they_are` and `aligned` (after the best rigid
+        alignment): the largest and the RMS distance [m], the largest rotation [rad], and when both are largest [s since the
+        first shared stamp]. `uncertain_rad` of `aligned` is the rotation [rad] that would move the positions by as much as
+        they are apart (RMS): so well do they show the rotation of the alignment. The largest rotation of `aligned` and its
+        time are None if `uncertain_rad` is more than the largest rotation without alignment, or if the positions are farther
+        apart than `spread_m`.
 
     Raises:
         DataError: a folder holds no result, or the results are of different kinds.
@@ -73,22 +88,22 @@ def diff_results(
         )
     if kinds[0] == "BatchResult":
         return _compare_batches(*results)
-    given = [_read_entry(result.folder) for result in results]
-    if None in given:
-        given = [parse_options(dict(read_origin(result.folder)).get("command", "")) for result in results]
-    options = None if given[0] is None or given[1] is None else _list_changes(given[0], given[1])
-    settings = _list_settings(*(result.folder for result in results))
-    obstacle = _find_other_returns(results, settings, options or {})
+    options, unknown = _compare_options(results, parse_options)
+    settings, followed = _list_settings(*(result.folder for result in results))
+    obstacle = _find_other_returns(results, settings, followed, options or {})
     figures = _list_changes(*(dict(_list_figures(result.summary)) for result in results))
     if obstacle is not None:
         figures = {name: both for name, both in figures.items() if not _is_psi(name)}
-    trajectories = _compare_trajectories(*results)
+    trajectories, problem = _compare_trajectories(*results)
     return {
         "options": options,
+        "options_not_known": unknown,
         "settings": settings,
+        "followed": followed,
         "figures": figures,
         "psi_not_compared": obstacle,
         "trajectories": trajectories,
+        "trajectories_not_compared": problem,
     }
 
 
@@ -103,12 +118,28 @@ def _compare_batches(first: Result, second: Result) -> dict[str, Any]:
             continue
         known = [option for option in OPTIONS if option in one and option in other]  # an earlier version listed fewer
         changes = _list_changes(*({option: row[option] for option in known} for row in (one, other)))
-        changes |= _list_settings(first.folder / name, second.folder / name)
+        changes |= _list_settings(first.folder / name, second.folder / name)[0]
         if changes:
             entries[name] = changes
         if one["verdict"] != other["verdict"]:
             verdicts[name] = [one["verdict"], other["verdict"]]
     return {"entries": entries, "verdicts": verdicts}
+
+
+def _compare_options(
+    results: Sequence[Result], parse_options: Callable[[str], Given | str]
+) -> tuple[dict[str, list[Any]] | None, str | None]:
+    """Returns the entries `options` and `options_not_known` of `diff_results`."""
+    one, other = (_read_entry(result.folder) for result in results)
+    if one is not None and other is not None:
+        return _list_changes(one, other), None
+    known = []
+    for result in results:
+        given = parse_options(dict(read_origin(result.folder)).get("command", ""))
+        if isinstance(given, str):
+            return None, f"run.log of {result.folder} {given}"
+        known.append(given)
+    return _list_changes(*known), None
 
 
 def _read_entry(folder: Path) -> Given | None:
@@ -125,39 +156,65 @@ def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
     return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
 
 
-def _list_settings(first: Path, second: Path) -> dict[str, list[Any]]:
-    """Returns the settings that differ between two folders of results, as `_list_changes` does.
+def _list_settings(first: Path, second: Path) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
+    """Lists the settings that differ between two folders of results.
 
-    The files are not checked, since another version of mqslam may have written them. The dict is empty if a result has no
+    The files are not checked, since another version of mqslam may have written them. The dicts are empty if a result has no
     config.yaml.
+
+    Returns:
+        As `_list_changes` does, (1) the settings that somebody has changed, and (2) those that follow from the recordings.
     """
     files = [folder / "config.yaml" for folder in (first, second)]
     if not all(file.is_file() for file in files):
-        return {}
-    return _list_changes(*(dict(_flatten(read_tree(file))) for file in files))
+        return {}, {}
+    changes = _list_changes(*(dict(_flatten(read_tree(file))) for file in files))
+    follows = set[str]()
+    with suppress(ConfigError):  # another version has other settings
+        follows = {name for name, *_ in sort_changes(*map(load_config, files)).followed}
+    if _DOPPLER in changes and all(_has_measured_doppler(folder) for folder in (first, second)):
+        follows.add(_DOPPLER)
+    own = {name: both for name, both in changes.items() if name not in follows}
+    return own, {name: both for name, both in changes.items() if name in follows}
+
+
+def _has_measured_doppler(folder: Path) -> bool:
+    """Returns whether the folder holds the result of a run that has measured the Doppler shift, so that nobody gave it."""
+    is_result = (folder / "summary.json").is_file()
+    return is_result and (read_result(folder).summary.get("doppler_sigma") or 0.0) > 0.0
 
 
 def _find_other_returns(
-    results: Sequence[Result], settings: dict[str, list[Any]], options: dict[str, list[Any]]
+    results: Sequence[Result], settings: Given, followed: Given, options: Mapping[str, list[Any]]
 ) -> str | None:
     """Finds out why psi of two results does not compare: the maps hold other returns, or are scored by other settings.
 
     Args:
         results: both results.
-        settings: the settings that differ, by their names.
+        settings: the settings that differ because somebody has changed them, by their names.
+        followed: the settings that differ because the commands took them from the recordings, by their names.
         options: the options that differ, by their names.
 
     Returns:
         The reason, or None if psi compares.
     """
-    chosen = [name for name in settings if name.partition(".")[0] in _OF_RETURNS and name not in _NOT_OF_RETURNS]
+    of_lidar = all((result.summary.get("dataset") or {}).get("format") in lidars.FORMATS for result in results)
+    chosen = [name for name in settings if _changes_psi(name) and not (of_lidar and is_of_radars(name))]
     chosen += [name for name in options if name == _LENGTH_OF_BINS]
-    if any(None not in (settings | options)[name] for name in chosen):
+    if any(None not in {**settings, **options}[name] for name in chosen):
         return f"the maps are made or scored by different settings ({', '.join(chosen)})"
     if chosen:
         return f"only one of the results states {', '.join(chosen)}: the other took it from the recording, or a default"
     a, b = (_describe_scans(result) for result in results)
-    return None if a == b else "the maps are of different scans"
+    if a != b:
+        return "the maps are of different scans"
+    taken = [name for name in followed if _changes_psi(name)]
+    return f"settings that follow from the recordings differ ({', '.join(taken)})" if taken else None
+
+
+def _changes_psi(name: str) -> bool:
+    """Returns whether a setting of this name changes the returns or psi."""
+    return name.partition(".")[0] in _OF_RETURNS and name not in _NOT_OF_RETURNS
 
 
 def _describe_scans(result: Result) -> list[Any]:
@@ -190,22 +247,30 @@ def _list_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | None:
-    """Returns the entry `trajectories` of `diff_results`; None if the trajectories cannot be compared."""
+def _compare_trajectories(first: Result, second: Result) -> tuple[dict[str, Any] | None, str | None]:
+    """Returns the entries `trajectories` and `trajectories_not_compared` of `diff_results`."""
     paths = [result.folder / "trajectory.tum" for result in (first, second)]
-    if not all(path.is_file() for path in paths):
-        return None
+    missing = next((path for path in paths if not path.is_file()), None)
+    if missing is not None:
+        return None, f"{missing.parent} holds no {missing.name}"
     pair = pair_poses(*(read_tum(path) for path in reversed(paths)))
     if pair is None:
-        return None
+        return None, "the trajectories share fewer than 3 stamps"
     second_track, first_track = pair
     motion = align_positions(second_track, first_track)
-    aligned = second_track if motion is None else Trajectory(second_track.stamps_us, se2.compose(motion, second_track.poses))
-    shared = {"stamps": len(first_track), "length_m": first_track.length_m}
-    return shared | {"as_they_are": _measure(second_track, first_track), "aligned": _measure(aligned, first_track)}
+    moved = second_track if motion is None else Trajectory(second_track.stamps_us, se2.compose(motion, second_track.poses))
+    as_they_are, aligned = (_measure(track, first_track) for track in (second_track, moved))
+    positions = first_track.poses[:, :2]
+    spread_m = float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
+    apart_m = round(aligned["rms_m"], _DIGITS)
+    aligned["uncertain_rad"] = math.atan2(apart_m, spread_m)  # a turn by it moves the positions by as much as they are apart
+    if apart_m > spread_m or aligned["uncertain_rad"] > as_they_are["largest_rad"]:
+        aligned |= {"largest_rad": None, "turned_at_s": None}
+    shared = {"stamps": len(first_track), "length_m": first_track.length_m, "spread_m": spread_m}
+    return shared | {"as_they_are": as_they_are, "aligned": aligned}, None
 
 
-def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, float]:
+def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, Any]:
     """Returns the differences between trajectories with the same stamps, which `diff_results` describes."""
     distances = np.hypot(*(second_track.poses - first_track.poses)[:, :2].T)
     turns = np.abs(se2.wrap(second_track.poses[:, 2] - first_track.poses[:, 2]))

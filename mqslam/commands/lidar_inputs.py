@@ -65,10 +65,15 @@ def prepare_lidar(
     return prepared, track, fit_to_lidar(settings, prepared.scans), [*unused, *warn_of_idle(settings)]
 
 
+def is_of_radars(name: str) -> bool:
+    """Returns whether a setting, such as `detector.threshold`, has no effect on a lidar's recording."""
+    section, _, key = name.partition(".")
+    return section == "detector" or (section == "sensor" and key in _OF_RADARS)
+
+
 def warn_of_idle(settings: Config) -> list[str]:
     """Returns a warning for a lidar's recording that names the given settings that only radars use; [] if there are none."""
-    values = [(name, getattr(settings.sensor, name)) for name in _OF_RADARS]
-    no_shift = ("doppler_beta", 0.0)  # as the config.yaml of a lidar's run states it
-    idle = [f"sensor.{name}" for name, value in values if value is not None and (name, value) != no_shift]
-    idle += [name for name, *_ in list_changes(Config(), settings) if name.startswith("detector.")]
+    no_shift = ("sensor.doppler_beta", 0.0)  # as the config.yaml of a lidar's run states it
+    changes = list_changes(Config(), settings)
+    idle = [name for name, _, value in changes if is_of_radars(name) and (name, value) != no_shift]
     return [f"the recording is a lidar's, on which settings of radars have no effect: {join_words(idle)}"] if idle else []

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import pytest
 from support.commands import mqslam
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.tum import read_tum, write_tum
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +28,20 @@ def finished(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory
     out = tmp_path_factory.mktemp("finished") / "run"
     assert mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--quiet").code == 0
     return out
+
+
+@pytest.fixture
+def other(finished: Path, tmp_path: Path) -> Path:
+    """The same run with another setting and another verdict, 3 m farther to the left and turned by 0.1 rad."""
+    copy = tmp_path / "other"
+    shutil.copytree(finished, copy)
+    settings = (copy / "config.yaml").read_text()
+    assert "threshold: 40.0" in settings
+    (copy / "config.yaml").write_text(settings.replace("threshold: 40.0", "threshold: 60.0"))
+    summary = json.loads((copy / "summary.json").read_text())
+    summary["frontend"], summary["runtime_s"]["total"] = "other", 1e6
+    (copy / "summary.json").write_text(json.dumps(summary))
+    track = read_tum(copy / "trajectory.tum")
+    (copy / "trajectory.tum").unlink()
+    write_tum(copy / "trajectory.tum", Trajectory(track.stamps_us, se2.compose([0.0, 3.0, 0.1], track.poses)))
+    return copy

@@ -22,23 +22,6 @@ from mqslam.report.canvas import BLUE, PURPLE
 from mqslam.results.batch_results import OPTIONS
 
 
-@pytest.fixture
-def other(finished: Path, tmp_path: Path) -> Path:
-    """The same run with another setting and another verdict, 3 m farther to the left and turned by 0.1 rad."""
-    copy = tmp_path / "other"
-    shutil.copytree(finished, copy)
-    settings = (copy / "config.yaml").read_text()
-    assert "threshold: 40.0" in settings
-    (copy / "config.yaml").write_text(settings.replace("threshold: 40.0", "threshold: 60.0"))
-    summary = json.loads((copy / "summary.json").read_text())
-    summary["frontend"], summary["runtime_s"]["total"] = "other", 1e6
-    (copy / "summary.json").write_text(json.dumps(summary))
-    track = read_tum(copy / "trajectory.tum")
-    (copy / "trajectory.tum").unlink()
-    write_tum(copy / "trajectory.tum", Trajectory(track.stamps_us, se2.compose([0.0, 3.0, 0.1], track.poses)))
-    return copy
-
-
 def test_a_run_is_read_again_as_the_command_returned_it(finished: Path) -> None:
     result = package.read_result(str(finished))
     assert isinstance(result, RunResult) and result.folder == finished
@@ -155,9 +138,13 @@ def test_diff_lists_the_options_that_differ(finished: Path, other: Path) -> None
     (other / "run.log").write_text(log.replace("command: mqslam run", "command: steps.py run"))
     assert parse_strict_json(mqslam("diff", finished, other, "--json").out)["options"] == {}
     (other / "run.log").write_text(log.replace("command: mqslam run", "command: steps.py"))
-    assert mqslam("diff", finished, other).out.startswith("options: not known, because run.log of a result holds no ")
+    unknown = f"options: not known, because run.log of {other} holds"
+    assert mqslam("diff", finished, other).out.startswith(f"{unknown} no command of mqslam\n")
     (other / "run.log").write_text(log.replace("command: mqslam run", "command: mqslam batch"))
-    assert "holds no command of mqslam, or that of a batch\n" in mqslam("diff", finished, other).out
+    reason = "the command of a batch, whose options are not those of its runs"
+    assert mqslam("diff", other, finished).out.startswith(f"{unknown} {reason}\n")
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
+    assert found["options"] is None and found["options_not_known"] == f"run.log of {other} holds {reason}"
 
 
 def test_diff_says_why_psi_does_not_compare(finished: Path, other: Path) -> None:

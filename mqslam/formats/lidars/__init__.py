@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from mqslam.config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import LidarRecording
 from mqslam.errors import untrusted
 from mqslam.formats.lidars import carmen, laserscan
+
+FORMATS: Final = ("carmen", "laserscan")
+"""Names of the layouts of lidars' recordings."""
 
 
 @untrusted.reads_file
