@@ -14,7 +14,7 @@ from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, to_path, untrusted
-from mqslam.execution.folders import CHECKPOINT, find_unfinished
+from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH, find_unfinished
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
@@ -258,7 +258,8 @@ def check_whole(folder: Path) -> None:
     """
     if (place := find_unfinished(folder)) is not None:
         raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
-    if (folder / CHECKPOINT).is_dir() and not any((folder / name).is_file() for name in _SUMMARIES):
+    is_begun = (folder / CHECKPOINT).is_dir() or (folder / UNFINISHED_BATCH).is_file()
+    if is_begun and not any((folder / name).is_file() for name in _SUMMARIES):
         raise _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
 
 
@@ -268,21 +269,22 @@ def _explain_missing(folder: Path) -> DataError:
         return DataError(folder, "does not exist", "check the path")
     if not folder.is_dir():
         return DataError(folder, "is a file", _REMEDY)
-    inner = next(iter(_list_results(folder)), None)
-    remedy = _REMEDY if inner is None else f"give a folder in it that holds a result, such as {inner}"
-    return DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", remedy)
+    problem = "holds no result (summary.json, audit.json, compare.json or batch.json)"
+    return DataError(folder, problem, _suggest_inner(folder) or _REMEDY)
 
 
 def _explain_unfinished(folder: Path, problem: str, place: Path) -> DataError:
     """Returns the error for a folder with unfinished work, whose result is to become the folder `place`."""
     again = f"repeat its command and {Remedy.RESUME}" if (place / CHECKPOINT).is_dir() else "repeat its command"
-    return DataError(folder, problem, f"wait until the work has ended, or {again}")
+    inner = _suggest_inner(folder)
+    return DataError(folder, problem, f"wait until the work has ended, or {again}{', or ' if inner else ''}{inner}")
 
 
-def _list_results(folder: Path) -> list[str]:
-    """Lists the names of the folders in a folder that hold results; hidden folders are left out."""
+def _suggest_inner(folder: Path) -> str:
+    """Returns advice that names a folder with a result in the given folder; "" if there is none that is not hidden."""
     found = {path.parent.name for name in _SUMMARIES for path in folder.glob(f"*/{name}")}
-    return sorted(name for name in found if not name.startswith("."))
+    inner = min((name for name in found if not name.startswith(".")), default=None)
+    return "" if inner is None else f"give a folder in it that holds a result, such as {inner}"
 
 
 def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:

@@ -20,11 +20,12 @@ from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
 
 CHECKPOINT = "checkpoint"  # name of the folder in an unfinished result folder
+UNFINISHED_BATCH = "batch.unfinished"  # name of the file in the folder of a batch until batch.json is written
 _RESULTS = """
     summary.json audit.json compare.json batch.json config.yaml run.log report.html
     trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
     measurements.csv covariances.csv poses.csv graph.g2o graph.csv links.csv changes.csv compare.csv batch.csv
-    audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
+    batch.unfinished audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
     map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy figure2.png figure3.png boreas-*.txt
 """
 _SUMMARIES = ("summary.json", "audit.json", "compare.json")  # of the commands that can be resumed

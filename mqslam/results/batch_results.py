@@ -12,6 +12,7 @@ from mqslam.config import Config
 from mqslam.core.sensors import RADAR
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, write_json, write_text
+from mqslam.execution.folders import UNFINISHED_BATCH
 from mqslam.results.files import format_csv
 from mqslam.version import __version__
 
@@ -66,6 +67,8 @@ class RunOutcome:
 def check_batch(out: Path, *, force: bool) -> None:
     """Makes the folder of a batch, or checks that an existing one may be used, before hours are spent on the batch.
 
+    A file in the folder marks the batch as unfinished until `write_batch` removes it.
+
     Args:
         out: the folder.
         force: whether the folder may hold the results of another command.
@@ -78,6 +81,7 @@ def check_batch(out: Path, *, force: bool) -> None:
         raise OutputError(f"{out}: holds the results of another command", Remedy.CHOOSE_OR_WRITE_OUTPUT)
     with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.mkdir(parents=True, exist_ok=True)
+    write_text(out / UNFINISHED_BATCH, "This batch is not finished: the same command continues it.\n")
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
@@ -141,7 +145,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
 
 
 def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
-    """Writes batch.csv and batch.json, which hold the numbers of all runs.
+    """Writes batch.csv and batch.json, which hold the numbers of all runs, and marks the batch as finished.
 
     Args:
         out: the batch's folder, which also holds the folders of the runs.
@@ -152,3 +156,4 @@ def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
     """
     write_text(out / "batch.csv", format_csv(summary["runs"]))
     write_json(out / "batch.json", summary)
+    (out / UNFINISHED_BATCH).unlink(missing_ok=True)

@@ -19,7 +19,7 @@ from mqslam.errors import ConfigError, DataError
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
 from mqslam.report.canvas import BLUE, PURPLE
-from mqslam.results.batch_results import OPTIONS
+from mqslam.results.batch_results import OPTIONS, check_batch, write_batch
 
 
 def test_a_run_is_read_again_as_the_command_returned_it(finished: Path) -> None:
@@ -86,6 +86,19 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
     (tmp_path / "unfinished" / CHECKPOINT).mkdir(parents=True)
     remedy = "wait until the work has ended, or repeat its command and continue with --resume"
     assert f"unfinished: holds work that is not finished, and no result yet; {remedy}" in refuse(tmp_path / "unfinished")
+
+
+def test_a_batch_that_was_killed_is_called_unfinished(finished: Path, tmp_path: Path) -> None:
+    check_batch(tmp_path / "out", force=False)
+    shown = mqslam("show", tmp_path / "out")
+    problem = f"mqslam: error: {tmp_path / 'out'}: holds work that is not finished, and no result yet; "
+    assert shown.code == 2 and shown.err == f"{problem}wait until the work has ended, or repeat its command\n"
+    shutil.copytree(finished, tmp_path / "out" / "drive")
+    with pytest.raises(DataError, match="or repeat its command, or give a folder in it that holds a result, such as drive"):
+        package.read_result(tmp_path / "out")
+    write_batch(tmp_path / "out", {"warnings": [], "runs": []})
+    assert isinstance(package.read_result(tmp_path / "out"), BatchResult)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"batch.json", "batch.csv", "drive"}
 
 
 def test_an_unfinished_result_is_neither_suggested_nor_opened(finished: Path, tmp_path: Path) -> None:
