@@ -78,7 +78,9 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Returns what `describe_lidar` says about a recording as rows (name, text) for people."""
-    rest = "" if facts["odometry"] is None else "; a run leaves out those between which the lidar hardly moves"
+    has_poses, has_odometry = facts["recording"] is not None, facts["odometry"] is not None
+    rest = "; a run leaves out those between which the lidar hardly moves" if has_poses or has_odometry else ""
+    instead = "; a run uses the poses below as odometry" if has_poses and not has_odometry else ""
     return [
         ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map"),
         ("path", facts["path"]),
@@ -86,7 +88,7 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("duration", f"{facts['duration_s']:.2f} s"),
         ("scan rate", f"{facts['scan_rate_hz']:.3f} Hz"),
         ("returns", f"{facts['returns']:.0f} per scan, up to {facts['max_range_m']:.1f} m away"),
-        ("odometry", _describe_extent(facts["odometry"])),
+        ("odometry", _describe_extent(facts["odometry"]) + instead),
         ("poses", _describe_extent(facts["recording"])),
         *(("note", name_options(note)) for note in facts["notes"]),
     ]

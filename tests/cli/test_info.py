@@ -116,7 +116,8 @@ def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> 
     assert facts["recording"] == {"poses": 4, "length_m": 3.0}
     shown = mqslam("info", log, "--end", 2.5).out
     assert "recorded by a lidar: mqslam run makes a map of it, mqslam audit judges a map" in shown
-    assert table_of(shown)["scans"] == "3"
+    assert table_of(shown)["scans"] == "3; a run leaves out those between which the lidar hardly moves"
+    assert table_of(shown)["odometry"] == "none; a run uses the poses below as odometry"
     shown = mqslam("info", tmp_path)
     assert shown.code == 2 and "bag with sensor_msgs/LaserScan; scans.log in this folder may be such a log" in shown.err
     shown = mqslam("check", log)
