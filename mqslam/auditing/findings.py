@@ -492,7 +492,7 @@ def judge_revisits(
     if excused:
         farthest = max(r.distance_m for r in excused)
         said = f"the passes of {len(excused)} of them lie up to {farthest:.2f} m apart"
-        reason += f", and {said}, which the covariances of the trajectory explain"
+        reason += f", and {said}, which the covariances of the trajectory explain one by one"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
             explanation = f"the trajectory drifts, as its own covariances allow: passes lie up to {farthest:.2f} m apart"

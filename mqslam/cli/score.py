@@ -114,7 +114,7 @@ def _format_results(scores: dict[str, Any]) -> str:
         ("", ""),
         ("published psi", f"{published['psi']:.6g}, {published['psi_per_point']:.6g} per point"),
         ("  pair sum (4)", f"{published['pair_sum']:.6g} over {published['pairs']} pairs"),
-        ("  charge", f"{published['charge']:.6g} for points without a pair"),
+        ("  charge", f"{published['charge']:.6g} for points without a neighbour"),
         ("  matched", _format_matched(published)),
         ("  gradient", _format_gradient(published["gradient"])),
         (

@@ -42,6 +42,13 @@ def test_markdown_has_a_row_per_test_and_nothing_active() -> None:
     assert lines[4] == r"Audited: a\_drive (native) under slam.tum"
     cloud = audited(verdict="pass") | {"dataset": {"path": "map.ply", "format": "ply"}, "trajectory": None}
     assert "\n\nAudited: map.ply (ply)\n\n| test |" in format_markdown(cloud)
+    said = {
+        "covariances": {"statement": "they are too small"},
+        "mended": {"sentence": "Mended."},
+        "warnings": ["no <odometry>"],
+    }
+    listed = "Audited: a\\_drive (native) under slam.tum\n\n- they are too small\n- Mended.\n- no \\<odometry\\>\n\n| test |"
+    assert listed in format_markdown(audited(verdict="pass") | said)
     for given in (worse, worse | {"worse": []}, None):
         text = format_markdown(audited(given, verdict="warn", steps="warn"))
         assert " \n" not in text and "\n\n\n" not in text and "\n\n| test |" in text and not text.endswith("\n\n")
