@@ -82,7 +82,8 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     source = gyroscope.source
     inside = pick_stamps(scans.stamps_us, trajectory.stamps_us)
     if len(inside) <= FEWEST_MOTIONS:
-        return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
+        needed = f"a check by the gyroscope ({source}) needs {FEWEST_MOTIONS + 1} scans within the trajectory"
+        return GyroscopeCheck(source, f"{needed}, and there are {len(inside)}", None)
     times = np.asarray((inside - scans.start_us) * 1e-6, dtype=np.float64)
     yaws = np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
     variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)

@@ -179,9 +179,12 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
     """
     require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
     require(frontend)  # raises, before the recording is read, if there is no such front end
+    lift = _choose_lift(pose)
+    if isinstance(keys, str):
+        raise ConfigError(f"keys: a text, {keys!r}, holds no keys; give a function such as gtsam.symbol_shorthand.X")
     with _open_scans(recording, config, work, (start_s, end_s)) as view:
         settings, scans = view.unit_config, view.unit_scans
-        lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
+        scan_keys = _list_keys(keys, len(scans))
         context = view.make_context(odometry)
         measurements = list(view.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
         if frontend == PSI and not view.is_lidar:
@@ -484,7 +487,7 @@ def _list_keys(keys: Keys, count: int) -> list[int]:
         ConfigError: there are fewer keys than scans, or two keys are the same.
     """
     if not callable(keys) and len(keys) < count:
-        raise ConfigError(f"keys: holds {len(keys)} keys for {count} scans; give one for every scan")
+        raise ConfigError(f"keys: holds {count_of(len(keys), 'key')} for {count_of(count, 'scan')}; give one for every scan")
     listed = [int(keys(k) if callable(keys) else keys[k]) for k in range(count)]
     _require_distinct(listed)
     return listed

@@ -182,6 +182,7 @@ def test_a_sequence_holds_the_keys_as_a_function_does(street: Street) -> None:
     ("change", "message"),
     [
         ({"keys": [1, 2, 3]}, "keys: holds 3 keys for 14 scans; give one for every scan"),
+        ({"keys": "x"}, "keys: a text, 'x', holds no keys; give a function such as gtsam.symbol_shorthand.X"),
         ({"keys": lambda k: A(k // 2)}, "keys: two poses have the key a0; give every scan and submap a key of its own"),
         ({"keys": B, "submap_keys": B}, "keys: two poses have the key b0"),
         ({"pose": gtsam.Rot2}, "is not a type of pose; give gtsam.Pose2 or gtsam.Pose3"),
