@@ -49,7 +49,7 @@ def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any
 
     Example: mqslam convert drive drive.mcap
 
-    Example: mqslam convert drive.bag part.bag --start 60 --end 80
+    Example: mqslam convert drive.bag part.bag --start 1 --end 3
 
     Example: mqslam convert drive.bag drive_boreas --to boreas
 
