@@ -23,7 +23,8 @@ Shared: TypeAlias = tuple[Sweeps, AuditConfig, EstimatorConfig]
 SPEED_ERROR_MPS = 50.0
 # The speed is not checked between two successive scans if either of them has fewer points than this.
 _SPEED_FEWEST = 40
-# Distance between the points that fill surfaces, divided by the kernel's width: shorter distances change nothing.
+# Distance between the points that fill surfaces, divided by the kernel's width. With less than half of it, ratios of psi
+# change by 4 % at most.
 _FILLED = 0.125
 # Largest distance between points amid a surface, divided by the largest distance between points of one surface.
 _AMID = 0.5
@@ -128,9 +129,9 @@ def is_of_beams(
     if not sweeps.is_of_lidar:
         return False
     earlier, later = stretches
-    frames, apart_m = (sweeps.poses[registration.earlier], sweeps.poses[registration.later]), estimator.s_start
-    references = make_references(sweeps.local_surfaces(earlier, frames[0], apart_m, _FILLED * estimator.s))
-    query = sweeps.local_amid(later, frames[1], _AMID * apart_m)
+    apart_m, every_m = estimator.s_start, _FILLED * estimator.s
+    references = make_references(sweeps.local_surfaces(earlier, sweeps.poses[registration.earlier], apart_m, every_m))
+    query = sweeps.local_amid(later, sweeps.poses[registration.later], _AMID * apart_m)
     if not len(query):
         return True
     moved = se2.compose(registration.between, registration.offset)

@@ -89,14 +89,15 @@ class Sweeps:
             every_m: largest distance between points along a line [m].
         """
         seen, gaps = self._local_gaps(chosen, frame)
-        counts = np.where(gaps <= apart_m, np.ceil(gaps / every_m), 1.0).astype(np.int64)  # points from each point on
+        # each point counts as one, with those that fill the gap up to the next point
+        counts = np.where(gaps <= apart_m, np.ceil(gaps / every_m), 1.0).astype(np.int64)
         at = np.repeat(np.arange(len(counts)), counts)
         shares = (np.arange(len(at)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[at]
         steps = np.diff(seen.points, axis=0, append=seen.points[-1:])
         return _gather(seen, at, seen.points[at] + shares[:, None] * steps[at])
 
     def local_amid(self, chosen: Sequence[int], frame: se2.Array, apart_m: float) -> PointSet:
-        """Returns the points of a lidar amid a surface: those at most `apart_m` [m] from the points of both beams beside.
+        """Returns the points of a lidar amid a surface: at most `apart_m` [m] from those of the beams on both sides.
 
         The arguments are as in `local_surfaces`.
         """

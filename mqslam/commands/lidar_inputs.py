@@ -18,7 +18,7 @@ from mqslam.errors import ConfigError
 _OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "doppler_beta", "clockwise", "stamp", "encoder_size")
 """Settings of section `sensor` that only radars use."""
 
-_PLACED: Final = (
+_POSES_AS_ODOMETRY: Final = (
     "the recording has no odometry besides the poses of its scans, which are used as odometry: if a SLAM system made them, "
     "the result depends on that system (odometry none leaves them out)"
 )
@@ -55,12 +55,12 @@ def prepare_lidar(
         named = join_words([name for name, is_given in given.items() if is_given])
         why = "is a lidar's recording, with which only odometry and the frame of the lidar can be used"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
-    placed = inputs.odometry == "auto" and recording.odometry is None and recording.trajectory is not None
-    if placed:
+    takes_poses = inputs.odometry == "auto" and recording.odometry is None
+    if takes_poses:
         recording = replace(recording, odometry=recording.trajectory)
     track, unused = choose_odometry(recording, inputs.odometry, None)
-    if placed and track is not None:
-        unused.append(_PLACED)
+    if takes_poses and track is not None:
+        unused.append(_POSES_AS_ODOMETRY)
     prepared = prepare(recording, track, unit_m)
     return prepared, track, fit_to_lidar(settings, prepared.scans), [*unused, *warn_of_idle(settings)]
 

@@ -180,8 +180,7 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
     require_type(odometry, Trajectory | None, "odometry", "a mqslam.Trajectory or None")
     require(frontend)  # raises, before the recording is read, if there is no such front end
     lift = _choose_lift(pose)
-    if isinstance(keys, str):
-        raise ConfigError(f"keys: a text, {keys!r}, holds no keys; give a function such as gtsam.symbol_shorthand.X")
+    _require_no_text(keys)
     with _open_scans(recording, config, work, (start_s, end_s)) as view:
         settings, scans = view.unit_config, view.unit_scans
         scan_keys = _list_keys(keys, len(scans))
@@ -269,6 +268,7 @@ def loop_factors(
     """
     expected = "gtsam.Values, or a mqslam.Trajectory, such as mqslam.Trajectory(scans.stamps_us, factors.chained)"
     require_type(trajectory, Trajectory | gtsam.Values, "trajectory", expected)
+    _require_no_text(keys)
     with _open_scans(recording, config, work) as view:
         settings, scans, runner = view.unit_config, view.unit_scans, view.runner
         listed = _list_keys(keys, len(scans))
@@ -365,6 +365,7 @@ def refine(
         >>> refined = mqslam.refine(graph, values, "drive", keys, loops=loops)  # doctest: +SKIP
         >>> print(refined.psi_loops, refined.psi_after, len(refined.ties))  # doctest: +SKIP
     """
+    _require_no_text(keys)
     with _open_scans(recording, config, work) as view:
         scans, estimator, runner = view.unit_scans, view.unit_config.estimator, view.runner
         listed = _list_keys(keys, len(scans))
@@ -478,6 +479,12 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work, span: Span 
             yield _OpenScans(scans, settings, 0.0, runner, scans.scale_ranges(factor), scale_settings(settings, factor))
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error
+
+
+def _require_no_text(keys: Keys) -> None:
+    """Raises ConfigError if the keys are a text, whose characters would be taken for keys."""
+    if isinstance(keys, str):
+        raise ConfigError(f"keys: a text, {keys!r}, holds no keys; give a function such as gtsam.symbol_shorthand.X")
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:

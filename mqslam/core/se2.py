@@ -226,13 +226,13 @@ def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> 
     return smooth(times, poses, at)
 
 
-def select_apart(times: Array) -> NDArray[np.int64]:
+def select_apart(times: Array, share: float = _CLOSE) -> NDArray[np.int64]:
     """Returns the indices of the increasing times (N,) that are not duplicates.
 
-    A time is a duplicate if it follows the last kept time by less than a tenth of the usual step.
+    A time is a duplicate if it follows the last kept time by less than a share of the usual step, by default a tenth.
     """
     steps = np.diff(times)
-    least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0
+    least = share * float(np.median(steps)) if len(steps) else 0.0
     if np.all(steps >= least):
         return np.arange(len(times))
     chosen = [0]

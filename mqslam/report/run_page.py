@@ -439,11 +439,8 @@ def _chart_speed(track: Trajectory) -> Figure:
     Scans whose stamps are much closer than usual share one value: over a millisecond, the errors of two poses and of their
     stamps would show as speeds that nothing had.
     """
-    least_us = int(_SHORTEST_STEP * np.median(np.diff(track.stamps_us)))
-    ends = [0]
-    for k, stamp_us in enumerate(track.stamps_us.tolist()):
-        if stamp_us - track.stamps_us[ends[-1]] >= least_us:
-            ends.append(k)
+    times = track.seconds(int(track.stamps_us[0]))
+    ends = se2.select_apart(times, _SHORTEST_STEP)
     ends[-1] = len(track) - 1
     stamps_us = track.stamps_us[ends]
     twists = track.mean_twists(stamps_us[:-1], stamps_us[1:])
@@ -452,7 +449,8 @@ def _chart_speed(track: Trajectory) -> Figure:
     rate = Curve("yaw rate", PURPLE, over(path, np.rad2deg(twists[:, 2])), "--", beside=True)
     caption = "of the optimised trajectory, from scan to scan"
     if len(ends) < len(track):
-        caption += f", over at least {1e-6 * least_us:.2g} s where stamps are closer"
+        least_s = _SHORTEST_STEP * float(np.median(np.diff(times)))
+        caption += f", over at least {least_s:.2g} s where stamps are closer"
     return _chart_both("Speed and yaw rate", caption, "speed [m/s]", [speed], "yaw rate [°/s]", rate)
 
 

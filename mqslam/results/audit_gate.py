@@ -57,17 +57,16 @@ def name_audited(summary: Mapping[str, Any]) -> str:
 
 
 def format_markdown(summary: Mapping[str, Any]) -> str:
-    """Returns audit.json as Markdown.
+    """Returns audit.json as Markdown: the verdict, what was audited, notes, what is worse than before, and the tests.
 
-    These are the verdict, what was audited, what the revisits say of stated covariances, what mending did, warnings, what is
-    worse than in an earlier audit, and a table of the tests.
+    The notes say whether stated covariances are right, what mending did, and what the audit warns of.
     """
     verdict, baseline = summary["verdict"], summary.get("baseline")
     blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
     blocks.append([f"Audited: {_plain(name_audited(summary))}"])
     covariances, mended = (summary.get(name) or {} for name in ("covariances", "mended"))
-    said = [covariances.get("statement"), mended.get("sentence"), *summary.get("warnings", [])]
-    blocks += [[f"- {_plain(sentence)}" for sentence in said if sentence]] if any(said) else []
+    notes = [covariances.get("statement"), mended.get("sentence"), *summary.get("warnings", [])]
+    blocks += [[f"- {_plain(note)}" for note in notes if note]] if any(notes) else []
     if baseline is not None:
         what = "this is worse:" if baseline["worse"] else "nothing is worse."
         blocks += [[f"Compared with {_plain(baseline['path'])}, {what}"]]

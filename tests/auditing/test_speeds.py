@@ -171,6 +171,13 @@ def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
     assert all(contradicts(found, CAPTURE) for found in checks)
 
 
+def build_corridor(*, has_pillars: bool) -> NDArray[np.float64]:
+    """Returns the walls (W, 4) of a corridor from x, y to x, y [m], with or without pillars on alternating sides."""
+    sides = [[-30.0, y, 70.0, y] for y in (-1.3, 1.4)]
+    pillars = [[x, side * 1.3, x, side * 1.0] for x, side in zip(np.arange(2.0, 40.0, 1.7), [1, -1] * 12, strict=False)]
+    return np.array([*sides, *(pillars if has_pillars else [])])
+
+
 def corridor_sweeps(factor: float, walls: NDArray[np.float64]) -> Sweeps:
     """Returns 20 scans of a lidar that drives along a corridor, under a trajectory whose speed is wrong by a factor."""
     poses = np.column_stack([10.0 + 0.22 * np.arange(20), np.full(20, 0.1), np.zeros(20)])
@@ -189,9 +196,7 @@ def corridor_sweeps(factor: float, walls: NDArray[np.float64]) -> Sweeps:
 
 @pytest.mark.parametrize(("factor", "has_pillars", "is_wrong"), [(1.0, False, False), (1.0, True, False), (4.0, True, True)])
 def test_the_beams_of_a_lidar_on_bare_walls_contradict_no_speed(factor: float, has_pillars: bool, is_wrong: bool) -> None:
-    sides = [[-30.0, y, 70.0, y] for y in (-1.3, 1.4)]
-    pillars = [[x, side * 1.3, x, side * 1.0] for x, side in zip(np.arange(2.0, 40.0, 1.7), [1, -1] * 12, strict=False)]
-    sweeps = corridor_sweeps(factor, np.array([*sides, *(pillars if has_pillars else [])]))
+    sweeps = corridor_sweeps(factor, build_corridor(has_pillars=has_pillars))
     shared = sweeps, ROOMS.audit, ROOMS.estimator
     checks = check_speeds(shared, range(2, 18, 3), np.ones(len(sweeps), bool), HERE, ignore_progress)
     capture = find_capture_range(sweeps.revolution_s, ROOMS.estimator)
@@ -202,7 +207,7 @@ def test_the_beams_of_a_lidar_on_bare_walls_contradict_no_speed(factor: float, h
 
 
 def test_the_beams_of_a_lidar_on_bare_walls_make_no_jump() -> None:
-    sweeps = corridor_sweeps(1.0, np.array([[-30.0, y, 70.0, y] for y in (-1.3, 1.4)]))
+    sweeps = corridor_sweeps(1.0, build_corridor(has_pillars=False))
     for made, is_jump in ((sweeps, False), (replace(sweeps, is_of_lidar=False), True)):
         shared = made, ROOMS.audit, ROOMS.estimator
         fits_as_if_at_rest = steps._register_step(shared, (10, (2.0, 0.2)))
@@ -214,9 +219,7 @@ def test_the_beams_of_a_lidar_on_bare_walls_make_no_jump() -> None:
 @pytest.mark.parametrize("has_pillars", [False, True])
 def test_a_fit_some_scans_farther_back_comes_from_the_beams_on_bare_walls_and_from_nothing_else(has_pillars: bool) -> None:
     """Scans that are moved back by one or two steps overlay earlier ones on bare walls; pillars show a wrong trajectory."""
-    pillars = [[x, side * 1.3, x, side * 1.0] for x, side in zip(np.arange(2.0, 40.0, 1.7), [1, -1] * 12, strict=False)]
-    walls = [*([-30.0, y, 70.0, y] for y in (-1.3, 1.4)), *(pillars if has_pillars else [])]
-    sweeps = corridor_sweeps(1.0, np.array(walls))
+    sweeps = corridor_sweeps(1.0, build_corridor(has_pillars=has_pillars))
     for place in range(5, 16):
         true = steps._register_step((sweeps, ROOMS.audit, ROOMS.estimator), (place, (2.0, 0.2)))
         assert true is not None

@@ -120,6 +120,8 @@ def test_who_asks_is_told_of_passes_that_could_not_be_tied(street: TrackedRun) -
 def test_what_cannot_be_meant_is_refused(street: TrackedRun) -> None:
     graph, values = graph_of(street, gtsam.Pose2)
     scans, track = scans_of(street), Trajectory(scans_of(street).stamps_us, street.poses)
+    with pytest.raises(ConfigError, match="keys: a text, 'a', holds no keys"):
+        loop_factors(scans, track, "a", config=CONFIG)
     with pytest.raises(ConfigError, match=r"graph: comes without the values of its optimum; give gtsam\.Values"):
         loop_factors(scans, track, A, graph=graph, config=CONFIG)
     values.erase(A(7))
