@@ -89,8 +89,9 @@ _TRIED_FACTOR = 20.0
 # A loop that does not lower psi of its two passes is kept if psi in the optimised map is at most this many times the smaller
 # of two values: psi before the loops, and psi with the passes registered on each other.
 _KEPT = 1.1
-ROUNDS = 2
-"""Number of rounds; each starts from the trajectory as corrected by the loops that were found before."""
+ROUNDS = 10
+"""Largest number of rounds; it bounds the time. Each round starts from the trajectory as corrected by the loops that were
+found before, and so brings further pairs of passes within reach. The search ends earlier if a round finds no loop."""
 
 _log = logging.getLogger(__name__)
 

@@ -79,6 +79,14 @@ def test_passes_that_the_trajectory_does_not_know_well_enough_are_not_compared_a
     assert "the search for loops cannot cover the uncertainty" in warning
 
 
+def test_the_search_goes_on_as_long_as_loops_bring_others_within_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    find = closing.find_candidates
+    monkeypatch.setattr(closing, "find_candidates", lambda *arguments: (find(*arguments)[0][:1], []))
+    search = closed(60.0, 5.0)
+    assert len(search.loops) >= 5
+    assert_right(search.loops)
+
+
 def test_a_few_pairs_left_out_beside_many_loops_are_no_warning() -> None:
     loops = [Loop(0, k, np.zeros(3), np.eye(3), 0.8, 0.5) for k in range(100, 110)]
     assert LoopSearch(loops, 20, ambiguous=3, implausible=3, unsure=3).warnings == []
