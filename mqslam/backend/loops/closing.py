@@ -425,24 +425,15 @@ class LoopCloser:
         self._alike: set[int] = set()  # the scans whose submaps fit several poses
         self._elsewhere: set[tuple[int, int]] = set()  # the recognised pairs that the trajectory rules out
 
-    def look_around(self, *, asking: bool = False) -> bool:
+    def look_around(self) -> None:
         """Searches for loops around the trajectory, in rounds.
-
-        Args:
-            asking: whether to compute the return value, which takes time; otherwise False is returned.
-
-        Returns:
-            Whether, by the trajectory of the last round, there may be loops that this search cannot reach.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
         """
-        out_of_reach = False
-        for number in range(ROUNDS):
+        for _ in range(ROUNDS):
             chain = self._optimise()
             new = self._compare(chain)
-            if asking and (not new or number == ROUNDS - 1):
-                out_of_reach = bool(find_out_of_reach(chain, pick_spaced(chain.drive.travelled, PLACE_SPACING_M)).any())
             if not new:
                 break
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
@@ -451,7 +442,6 @@ class LoopCloser:
         for _ in range(ROUNDS):  # each placed loop makes the trajectory more certain where others are to be placed
             if not self._place_open_loops():
                 break
-        return out_of_reach
 
     def _place_open_loops(self) -> bool:
         """Places loops along the directions about which they say nothing, where free space shows the place.
@@ -611,8 +601,8 @@ def find_loops(
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
     closer = LoopCloser(problem, lambda poses: TrackedRun.of(scans, poses), estimator, beam, runner)
-    for _ in range(ROUNDS if recognising else 0):
-        if not (closer.look_around(asking=True) and closer.look_everywhere()):
-            return closer.conclude()
-    closer.look_around()
+    for _ in range(ROUNDS):
+        closer.look_around()
+        if not (recognising and closer.look_everywhere()):
+            break
     return closer.conclude()
