@@ -1,4 +1,4 @@
-"""What a front end is and what it may use, how one is loaded by its name, and the checks of the motions that it returns."""
+"""Defines front ends and the context that they may use, loads them by name, and checks the motions that they return."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Context:
         *,
         doppler_beta: float = 0.0,
     ) -> Self:
-        """Makes the context of a recording from what is known before its scans are read."""
+        """Makes the context of a recording before its scans are read; the other arguments are fields of the context."""
         return cls(
             config,
             recording.revolution_s,
@@ -130,8 +130,8 @@ class Context:
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist by odometry, the radar's chirps and the gyroscope, or None if all of them are missing.
 
-        Times and twist are as in `odometry_twist`; a component that no sensor measures is NaN. Where they are known, the yaw
-        rate of the gyroscope and the velocity from the chirps, at the mean of the times, replace odometry's, which err more.
+        Times and twist are as in `odometry_twist`; a component that no sensor measures is NaN. The gyroscope's yaw rate and
+        the chirps' velocity (at the mean of the times), where known, replace those of odometry, which are less exact.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()
@@ -247,7 +247,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
     Args:
         name: name of the front end.
-        context: what the front end may use besides the scans.
+        context: settings and measurements of other sensors for the front end.
         scans: scans of the recording.
 
     Raises:
@@ -280,7 +280,7 @@ def _check_motion(name: str, motion: object, starts: Sequence[float]) -> Measure
 
     Args:
         name: name of the front end.
-        motion: what the front end has returned.
+        motion: the object that the front end has returned.
         starts: starts of the two scans of the motion [s]; fewer than two if there are no such scans.
 
     Raises:

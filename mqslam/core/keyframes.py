@@ -79,7 +79,7 @@ class Keyframes:
         return self.recordings[0].unit_m
 
     def find_origins(self, number: int) -> NDArray[np.float64]:
-        """Returns the sensor's position (N, 2) at the time of each point of one keyframe, in the keyframe's frame [m]."""
+        """Returns the sensor's position (N, 2) [m] at the time of each point of the keyframe `number`, in its frame."""
         begin, end = self.rows[number].tolist()
         own = self.points[begin:end]
         x, y, ranges, rays = (own[name].astype(np.float64) for name in ("x", "y", "range", "ray"))

@@ -1,4 +1,4 @@
-"""Measurements of relative motion: what every front end returns, and loop closures."""
+"""The relative motions that front ends measure, loop closures, and the results of the search for loops."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class LoopSearch:
     Args:
         loops: the loop closures that were found, which enter the graph.
         tried: number of pairs of scans that were compared.
-        ambiguous: number of compared pairs that match at several places, or at one that free space contradicts.
+        ambiguous: number of compared pairs that match at several places, or at a place that free space contradicts.
         implausible: number of compared pairs that match only at a place that the trajectory rules out.
         unsure: number of further pairs that were not compared, because their relative pose is too uncertain for the
             search to cover.

@@ -23,7 +23,7 @@ def import_file(path: Path, what: str) -> ModuleType:
 
     Args:
         path: the file.
-        what: what the file defines, which is part of the module's name: `front_end` or `map_test`.
+        what: kind of object that the file defines, `front_end` or `map_test`; it becomes part of the module's name.
 
     Raises:
         Exception: any error of the file itself, such as a SyntaxError; call this function inside of `blame`.
@@ -42,7 +42,7 @@ def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") 
     A MemoryError is passed on unchanged, since the code that it stops is seldom at fault.
 
     Args:
-        owner: what the code is, such as "front end mine.py".
+        owner: name of the code for the message, such as "front end mine.py".
         happened: what the code did: `NO_IMPORT` while it is imported, `STOPPED` while it runs.
         kind: class of the error that is raised.
         remedy: what the user can do about it, unless the error says so already.

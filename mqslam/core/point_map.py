@@ -24,7 +24,7 @@ _CELL_RATIO: Final = 1.05
 
 @dataclass(frozen=True, slots=True)
 class PointMap:
-    """A map: returns as points in the world frame, each with what it adds to the score.
+    """A map: returns as points in the world frame, each with its share of the score.
 
     Large arrays may lie in memory-mapped files.
 
@@ -32,7 +32,7 @@ class PointMap:
         points: (N, 2) [m], world frame.
         times: (N,) [s] since the recording's start.
         intensities: (N,) received power, 0..255.
-        psi: (N,) what each point adds to the map's score; a point that is not matched adds a fixed cost.
+        psi: (N,) share of each point in the map's score; for a point that is not matched, a fixed cost.
         matched: (N,) bool, whether the point has a neighbour that the sensor saw about one turn or more before or after it.
     """
 
@@ -171,7 +171,7 @@ class TimedCloud:
         path: the file that the cloud was read from.
         points: (N, 2) [m], world frame.
         stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
-        notes: what a user should know about how the file was understood.
+        notes: sentences for the user on how the file was read.
         scan_us: usual duration of a scan [us], which only maps written by mqslam state; None for other files.
         is_of_lidar: whether the file says that a lidar has seen the points, as maps of lidars written by mqslam do.
     """
@@ -185,7 +185,7 @@ class TimedCloud:
 
     @property
     def is_of_radar(self) -> bool:
-        """Whether the points are taken for a radar's: true for maps written by mqslam that are not marked as a lidar's."""
+        """Whether the points count as a radar's: true for maps that mqslam wrote and did not mark as a lidar's."""
         return self.scan_us is not None and not self.is_of_lidar
 
     def __len__(self) -> int:

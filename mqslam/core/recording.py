@@ -79,7 +79,7 @@ class Recording(ABC):
         gyroscope: readings of a gyroscope that the recording contains, or None.
         fixes: GNSS fixes that the recording contains, or None.
         mount: where the radar sits on the vehicle, as the recording states it, or None.
-        notes: what a user should know about how the recording was understood.
+        notes: sentences for the user on how the recording was read.
         faults: defects of the recording, each with what was left out or corrected because of it.
     """
 
@@ -170,12 +170,12 @@ class Recording(ABC):
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def complete(self, track: Trajectory) -> Trajectory:
-        """Adds poses of the scans that the recording leaves out; a radar's leaves out none, and the track stays as it is."""
+        """Adds poses of the scans that the recording leaves out; a radar's recording leaves out no scan, and adds none."""
         return track
 
     @property
     def left_out(self) -> int:
-        """Number of scans that are left out because a lidar had hardly moved; a radar's are all used."""
+        """Number of scans that are left out because a lidar had hardly moved; zero for a radar."""
         return 0
 
     def gaps(self) -> list[tuple[int, float]]:
@@ -221,12 +221,12 @@ class LidarRecording(Recording):
         return self.scans.revolution_s
 
     def take(self, chosen: Sequence[int]) -> Self:
-        """Returns a part of the recording: the scans with these indices, two or more; the last one's duration stays."""
+        """Returns the recording with only the scans of these two or more indices; the last of them keeps its duration."""
         part = self._hold(self.scans.take(chosen))
         return replace(part, turns_us=np.append(part.turns_us[:-1], self.turns_us[chosen[-1]]))
 
     def cut(self, first: int, after: int) -> Self:
-        """Returns a part of the recording: the scans first <= k < after, two or more; times count from the first of them."""
+        """Returns the recording with only the scans first <= k < after, two or more; times count from the first of them."""
         return self._hold(self.scans[first:after].count_from_first())
 
     def _hold(self, part: Scans) -> Self:

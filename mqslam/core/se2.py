@@ -167,8 +167,8 @@ def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Before the first and after the last time, the nearest arc is continued; only there, poses that `select_apart` drops are
-    left out. A single pose holds at all times.
+    Before the first and after the last time, the nearest arc between poses that `select_apart` keeps is continued. A single
+    pose holds at all times.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:

@@ -174,9 +174,9 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
         end_us: end of the recording [us].
 
     Returns:
-        How late the stamps are [s], negative if early: the delay that makes the two spans overlap most, once it is removed.
-        None if even then they overlap by less than half of the shorter span, or if the delay is no longer than the longer
-        span: stamps that begin a little after a recording, and last longer than this delay, need not be late.
+        The known delay of the stamps [s], negative if they are early, whose removal makes the two spans of time overlap
+        most. None if they then overlap by less than half of the shorter span, or if the delay is no longer than the longer
+        span, since then the sensor may just have started before or after the recording.
     """
 
     def share(late_s: float) -> float:

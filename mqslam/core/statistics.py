@@ -36,7 +36,8 @@ _KEPT: Final = 0.998  # share of normal noise that a trimmed scale keeps: the va
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corrects p-values (N,) of single places for the number of places (Bonferroni), and returns them (N,).
 
-    A corrected p-value bounds the probability that a good map shows, at any place, one as small as the uncorrected one.
+    A corrected p-value is an upper limit to the probability that a good map shows the uncorrected p-value, or a smaller one,
+    at any of the places.
 
     Args:
         p_values: p-values of single places; NaN for places that were not judged, which do not count.
@@ -95,7 +96,7 @@ _FINE = 44  # low bits of a float64 that do not count when numbers are sorted in
 
 
 def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
-    """Returns the median of the numbers (0 or more) in all blocks; NaN without any number.
+    """Returns the median of all numbers in blocks of numbers that are not negative; NaN without any number.
 
     The blocks are read twice: first to count the numbers in each step (bin), then to sort the numbers in the steps
     around the median. A step holds all numbers with the same leading bits, and larger numbers are in later steps.
@@ -120,7 +121,7 @@ def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> flo
 
 
 def _find_steps(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns, for each of the numbers (N,), the index of the step that holds it."""
+    """Returns, for each of the numbers (N,), the index of the step (see `find_median`) that holds it."""
     return np.ascontiguousarray(numbers).view(np.int64) >> _FINE
 
 

@@ -79,9 +79,10 @@ class Trajectory:
         return se2.interpolate((self.stamps_us[near] - start) * 1e-6, self.poses[near], (stamps_us - start) * 1e-6)
 
     def _find_around(self, stamps_us: NDArray[np.int64]) -> slice:
-        """Returns which poses are needed to interpolate at stamps (M,) [us].
+        """Returns the slice of the poses that are needed to interpolate at stamps (M,) [us].
 
-        If any stamp lies outside, these are all poses, because `se2.interpolate` then looks for poses that nearly coincide.
+        If any stamp lies before the first or after the last pose, these are all poses, because `se2.interpolate` then leaves
+        out poses that nearly coincide in time.
         """
         first, last = np.min(stamps_us, initial=self.stamps_us[-1]), np.max(stamps_us, initial=self.stamps_us[0])
         if first < self.stamps_us[0] or last > self.stamps_us[-1]:
@@ -101,7 +102,7 @@ class Trajectory:
 
 
 def _require_stamps(stamps_us: object) -> None:
-    """Raises ConfigError unless stamps are an array (N,) of integers, as stamps in seconds are not."""
+    """Raises ConfigError unless stamps are an array (N,) of integers; stamps in seconds, for example, are not."""
     if not isinstance(stamps_us, np.ndarray) or stamps_us.ndim != 1 or stamps_us.dtype.kind != "i":
         remedy = "give microseconds, as np.round(1e6 * seconds).astype(np.int64)"
         raise ConfigError(f"trajectory: stamps must be an array (N,) of int64, not {_describe(stamps_us)}; {remedy}")

@@ -127,6 +127,7 @@ def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:
     """Fits settings that were left at their defaults to a lidar.
 
-    Those that the configuration `lidar` holds get its values. Other lengths are multiplied by the scans' unit of length.
+    A setting that the shipped configuration `lidar` changes gets its value from there. Every other length is multiplied by
+    the scans' unit of length.
     """
     return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)

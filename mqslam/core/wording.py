@@ -51,7 +51,11 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def describe_left_out(dataset: Mapping[str, Any]) -> str:
-    """Returns in brackets of how many scans of a lidar some are left out, given `dataset` of a summary; "" for none."""
+    """Returns a remark in brackets on a lidar's scans that are left out; an empty text if none are left out.
+
+    Args:
+        dataset: entry `dataset` of a summary.
+    """
     used, left_out = dataset.get("revolutions"), dataset.get("left_out")
     if not used or not left_out:
         return ""
@@ -59,7 +63,12 @@ def describe_left_out(dataset: Mapping[str, Any]) -> str:
 
 
 def explain_rest(used: int, left_out: int) -> str:
-    """Says how many scans of a lidar are left out beside those that are used, why, and what to do about it."""
+    """Returns a sentence that says how many of a lidar's scans are left out, why, and what to do about it.
+
+    Args:
+        used: number of scans that are used.
+        left_out: number of scans that are left out.
+    """
     left = f"{left_out} of {used + left_out} scans are left out, since the lidar had hardly moved"
     return f"{left}: give a recording, or a stretch of it, in which it moves farther"
 

@@ -70,7 +70,10 @@ def estimate_covariance(
 
 
 def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float) -> NDArray[np.float64]:
-    """Returns the sum (C, Q) of the scores (N, Q) of points (N, 2) [m] in each of C occupied square cells."""
+    """Returns the sum (C, Q) of the scores (N, Q) of the points (N, 2) [m] in each of the C square cells that hold points.
+
+    A cell has sides of length `cluster_m` [m].
+    """
     if len(points) == 0:
         return np.zeros((0, scores.shape[1]))
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
@@ -95,10 +98,10 @@ def curvature_by_differences(
 
 
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
-    """Finds the directions (K, size) that psi does not observe, scaled to a Gauss-Newton information of 1 along each.
+    """Finds the directions (K, size) that psi does not observe; K is 0 if psi observes all directions.
 
-    K is 0 if psi observes all directions. If Gauss-Newton's information is singular, as it is when all returns lie on one
-    ray, no direction counts as observed, and the result is the identity.
+    A direction d is as long as makes d^T G d equal to 1, where G is Gauss-Newton's information. If G is singular, as it is
+    when all returns lie on one ray, no direction counts as observed, and the result is the identity.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
@@ -119,7 +122,7 @@ def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
 def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns a covariance (Q, Q) that is large along given directions and zero across them.
 
-    One standard deviation along a direction ends as soon as any variable has changed by its span.
+    One standard deviation along a direction is the longest change by which no variable changes by more than its span.
 
     Args:
         directions: (K, Q) directions that psi does not observe; if there are none, the covariance is zero.
@@ -164,7 +167,10 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 def _find_positive(
     matrix: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns eigenvalues (Q,), at least as large as the rounding error, and eigenvectors (Q, Q) of matrix / scale."""
+    """Returns the eigenvalues (Q,) and the eigenvectors (Q, Q) of matrix / scale, the quotient of their entries.
+
+    Eigenvalues below the rounding error are raised to the rounding error.
+    """
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
     return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
 

@@ -83,7 +83,10 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns for each shift (B,) the upper median over the stretches of psi (B, S) divided by psi without a shift."""
+        """Returns for each shift (B,) the median over the stretches of psi (B, S) divided by psi without a shift.
+
+        Of two middle values, the higher one is the median.
+        """
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
@@ -95,13 +98,16 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
-    """Returns whether there are three or more shifts [s], and most have the sign of beta and about the size of Navtech's."""
+    """Returns whether of three or more shifts [s] most have the sign of beta and about the size of Navtech's shift."""
     usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of the median of the stretches' shifts [s]; the step of the grid for one shift."""
+    """Returns the standard deviation [s] of the median of the stretches' shifts [s].
+
+    For a single shift, the result is the step between the shifts that are tried.
+    """
     if len(each) < 2:
         return _STEP_S  # a single stretch shows no spread
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
@@ -162,9 +168,9 @@ def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scan
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
-    """Tracks a case (scans, first twist (3,) [m/s, m/s, rad/s], Doppler shift [s]); returns psi per point.
+    """Tracks the scans of a case (scans, first twist (3,) [m/s, m/s, rad/s], Doppler shift [s]); returns psi per point.
 
-    The first scan, which begins the map, does not count.
+    The points of the first scan, which begins the map, do not count.
     """
     (settings, estimator), (scans, twist, beta) = shared, case
     tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)

@@ -155,7 +155,7 @@ def minimise(
     tolerances: NDArray[np.float64],
     search: Search | None = None,
 ) -> Minimum:
-    """Minimises psi / (2 `search.correlation`), plus half the squared distance from the prior's mean in standard deviations.
+    """Minimises psi / (2 `search.correlation`) plus half the squared Mahalanobis distance from the prior's mean.
 
     Args:
         start: (Q,) state at which the search begins.
@@ -192,10 +192,10 @@ def minimise(
 
 
 class Rendered:
-    """Points that are rendered and scored at one state after another; the arguments are those of `minimise`.
+    """Renders and scores points at one state after another; `render`, `references` and `kernel` are as in `minimise`.
 
-    Lists of neighbours are kept from state to state as long as no neighbour can be missing. `jacobians` (N, 2, Q) belong to
-    the points rendered last.
+    Lists of neighbours are kept from state to state as long as no neighbour can be missing. The attribute `jacobians`
+    (N, 2, Q) holds the derivatives of the points that were rendered last.
     """
 
     def __init__(
@@ -216,7 +216,7 @@ class Rendered:
 def renew_lists(
     lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
 ) -> NearbyLists:
-    """Returns lists of all neighbours of each point within a reach: the given ones if complete and short, else new ones.
+    """Returns the given lists of neighbours if they hold all neighbours within a reach and few others, else new lists.
 
     Args:
         lists: lists that were made before; None if there are none.
@@ -264,7 +264,7 @@ def choose_move(
     correlation: float,
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
-    """Returns Newton's step (Q,), and its length in standard deviations of the state as the curvature shows them.
+    """Returns Newton's step (Q,), and the step's length in units of the standard deviations that the curvature shows.
 
     The step goes downhill along every eigenvector of the curvature, whatever the sign of the eigenvalue. The eigenvalues are
     computed in units of the tolerances, so that metres and radians are comparable.
@@ -305,7 +305,7 @@ def choose_move(
 def _extrapolate(
     move: NDArray[np.float64], changed: NDArray[np.float64], went: NDArray[np.float64], tolerances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the step (Q,) to the limit of the following steps, if each step is a constant multiple of the step before it.
+    """Returns the step (Q,) to where the search would end if each step were a constant multiple of the step before it.
 
     The step becomes longer if successive steps have the same sign, and shorter if their signs alternate. This helps because
     the terms that keep Newton's steps safe shorten all steps by nearly the same share. The method is Anderson's mixing of

@@ -158,7 +158,8 @@ def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
     """Lists the points of a grid within a radius [m] of each query (N, 2) [m], including any point at the query itself.
 
-    Every candidate is written, and the next overwrites it if it is too far away; an unpredictable branch would cost more.
+    Every candidate is written to the list, and the next candidate overwrites it if it is too far away: an unpredictable
+    branch would take more time.
     """
     points, rows, begins, firsts, cell = grid.points, grid.rows, grid.begins, grid.firsts, grid.cell
     left_m, low_m = grid.corner[0], grid.corner[1]

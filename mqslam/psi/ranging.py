@@ -147,7 +147,14 @@ def measure_on_stretches(
 
 
 def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
-    """Returns the first scan's index of each of up to 24 stretches with enough path, no missing scan and no overlap."""
+    """Returns the index of the first scan of each of up to 24 stretches of 12 scans, which do not overlap.
+
+    The path of a stretch is at least 10 m long, and no scan is missing within it.
+
+    Args:
+        scans: scans of the recording.
+        poses: (len(scans), 3) x, y [m], yaw [rad] of the sensor at the start of each scan.
+    """
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
@@ -161,7 +168,10 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
 
 
 def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _StretchErrors | None:
-    """Measures the errors on one stretch; None without returns, or if psi does not curve upward in every direction."""
+    """Measures the errors of the ranges on one stretch: scans with their start poses (K, 3) [m, m, rad].
+
+    Returns None if there are no returns, or if psi does not curve upward in every direction.
+    """
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
     returns = Returns.concatenate([scan.returns for scan in scans])
@@ -257,7 +267,7 @@ class Stretch:
 
 
 def _combine(shown: Sequence[_StretchErrors]) -> RangeErrors:
-    """Averages the errors of all stretches, weighted by information; stretches with errors far from the mean weigh less."""
+    """Averages the errors of three or more stretches by their information; stretches far from the mean weigh less."""
     errors, information = np.array([one.errors for one in shown]), np.array([one.information for one in shown])
     inverse = np.linalg.inv(information)
     covariances = inverse @ np.array([one.spread for one in shown]) @ inverse

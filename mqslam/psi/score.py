@@ -197,7 +197,7 @@ def evaluate(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, kernel: Kernel) -> Fields:
-    """Scores points against each other; `lists` are by `find_candidates`. Returns the fields of a `PsiEvaluation`."""
+    """Returns the fields of a `PsiEvaluation` of points against each other, whose neighbours `find_candidates` listed."""
     n = len(points.points)
     near = Neighbours(arrange(np.arange(n), points), points.jacobians, lists.offsets, lists.indices)
     fields: Fields = _evaluate_near(points, near, scale, kernel, len(points.rays) == n)
@@ -225,9 +225,10 @@ def weigh_offsets(
 ) -> Fields:
     """Computes the fields of a `PsiEvaluation` from sums over the neighbours of each query.
 
-    The first letters of names, for each query: m is the centroid of its neighbours minus the query, s the scatter S_kappa
-    of the neighbours, c the covariance Sigma of the offset e = -m, i the inverse of Sigma, f = Sigma^-1 e, j the jacobian J
-    of the offset, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.
+    For each query, the first letter of a variable says which vector or matrix it belongs to: m is the centroid of the
+    neighbours minus the query, s the scatter S_kappa of the neighbours, c the covariance Sigma of the offset e = -m, i the
+    inverse of Sigma, f = Sigma^-1 e, j the jacobian J of the offset, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made
+    symmetric.
 
     Args:
         covariances: (N, 3) xx, xy, yy of the queries [m^2].
@@ -330,8 +331,8 @@ def add_up_neighbours(
 ) -> None:
     """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are processed in blocks. Every candidate is written to the arrays of the block, and the next one overwrites any
-    that is too far away: an unpredictable branch would cost more.
+    Queries are processed in blocks. Every candidate is written to the arrays of the block, and the next candidate overwrites
+    it if it is too far away: an unpredictable branch would take more time.
 
     Args:
         x: (N, 2) positions of the queries [m].

@@ -57,8 +57,8 @@ class WindowMotion:
         theta: (P,) parameters of the motion model, such as speeds [m/s] and a yaw rate [rad/s].
         covariance: (P, P) covariance of the parameters.
         minimum: result of the minimiser.
-        status: degenerate if psi does not observe a direction, along which the covariance is then large; ambiguous, which
-            comes first, if `Window.find` knows a different motion with about as low a psi; converged otherwise.
+        status: ambiguous if `Window.find` found a different motion with about as low a psi; else degenerate if psi does not
+            observe a direction, along which the covariance is then large; else converged.
     """
 
     theta: se2.Array
@@ -217,12 +217,12 @@ def _list_shares(
 
 
 def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
-    """Returns the step of each parameter (P,), in the parameter's unit, below which the search over a model ends."""
+    """Returns for each parameter (P,) of a motion model, in its unit, the step below which the search ends."""
     return np.array([_TOLERANCES[component] for component in model.components])
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Returns both indices of each local minimum of a grid of scores (V, W), the lowest minimum first."""
+    """Returns the indices [v, w] of each local minimum of a grid of scores (V, W), the lowest minimum first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")

@@ -160,7 +160,10 @@ def _score(
     lists: NearbyLists,
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Returns the sum (N,) of S_ij^2 over j, the number (N,) of selected neighbours, and the gradient (P,) of psi."""
+    """Returns the sum (N,) of S_ij^2 over j, the number (N,) of selected neighbours, and the gradient (P,) of psi.
+
+    Points (N, 2) [m], times (N,) [s] and jacobians (N, 2, P) are as in `score`.
+    """
     s, beta_s, alpha_t, beta_t, latest, half, top, by_kappa = parameters
     offsets, indices = lists.offsets, lists.indices
     n, with_gradient = len(points), jacobians.shape[2] > 0

@@ -182,7 +182,7 @@ def compute_table1(
 
 
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
-    """Simulates a case (v [m/s], omega [rad/s]) in the yard of a seed; returns a window of the detected returns."""
+    """Simulates a case (v [m/s], omega [rad/s]) in the yard of a seed; returns a window of the returns of `scans` scans."""
     drive, estimator = ConstantDrive(*case), EstimatorConfig()
     recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
@@ -290,7 +290,7 @@ def render_motion(window: Window, name: str, motion: se2.Array, variant: PsiConf
 
 
 def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> list[Rendering]:
-    """Renders a simulated window of the third case of Table I three times.
+    """Renders a window of the third case of Table I, simulated in the yard of a seed, three times.
 
     The motions are no motion, half the estimated motion, and the estimated motion.
     """
@@ -301,19 +301,22 @@ def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> lis
 
 
 def compute_figure2() -> dict[str, list[float]]:
-    """Returns the scores of Figure 2's bad, better and good map, by source: the paper, and each variant in our yard."""
+    """Returns the scores of the bad, the better and the good map of Figure 2, by source.
+
+    The sources are the paper, and each variant of the published score in our simulated yard.
+    """
     shown = {name: [m.psi for m in render_figure2(variant=variant)] for name, variant in VARIANTS.items()}
     return {PAPER: list(PAPER_SCORES), **shown}
 
 
 def format_figure2(scores: Mapping[str, Sequence[float]]) -> str:
-    """Returns the scores of Figure 2 (bad, better, good map; by source) as text with aligned columns, one line a source."""
+    """Returns the scores that `compute_figure2` returns as text with aligned columns, one line per source."""
     lines = [f"{'Figure 2, scores of maps':<24} {'bad':>9} {'better':>9} {'good':>9}"]
     return "\n".join([*lines, *(f"{name:<24} {a:9.1f} {b:9.1f} {c:9.1f}" for name, (a, b, c) in scores.items())])
 
 
 def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
-    """Renders a window of each case twice: without motion, and with the estimated motion (motion compensation)."""
+    """Renders a window of each case, simulated in the yard of a seed, twice: without motion, and with the estimated motion."""
     windows = [simulate_window(case, seed, SCANS) for case in CASES]
     return [
         (
@@ -325,7 +328,7 @@ def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
 
 
 def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
-    """Writes figure2.png and figure3.png into a folder, which is created if necessary.
+    """Writes figure2.png and figure3.png into a folder, which is created if necessary; `seed` is the seed of the yard.
 
     Yields:
         The path of each figure, and one line of text with the scores that the figure shows.

@@ -67,7 +67,8 @@ def find_first_motion(
         scans: two or three scans with returns. Two scans do not show accelerations, which are then zero.
         matcher: holds the bounds of the exhaustive search, the process noise, the settings of the score, and the sensor.
         begin: (3,) vx, vy [m/s], omega [rad/s] near the truth, at which the minimiser starts; None searches exhaustively.
-        odometry: (3,) the same by odometry, a second start that is used if psi does not observe every direction; or None.
+        odometry: (3,) vx, vy [m/s], omega [rad/s] by odometry, at which the minimiser starts again if psi does not observe
+            every direction; None without odometry.
     """
     if begin is None:
         begin = _search_twist(scans, matcher)

@@ -23,7 +23,7 @@ class Tuning(NamedTuple):
     Args:
         keyframe_m: a scan joins the map if it is farther than this from the keyframe nearest in time [m]. A map of few
             keyframes takes scans at shorter distances.
-        keyframe_rad: a scan also joins the map if its yaw differs by more than this from that of the same keyframe [rad].
+        keyframe_rad: a scan also joins the map if its yaw differs by more than this from this keyframe's yaw [rad].
         keyframes: largest number of scans that the map holds.
         final_width: factor on the final widths s and beta_s where a scan is matched to the map, whose many keyframes scatter
             more than the scans of a window.
@@ -129,7 +129,7 @@ class LocalMap:
 
 
 def _join(keyframes: list[_Keyframe]) -> PointSet:
-    """Joins the points of keyframes to one set without jacobians, since a map does not move."""
+    """Returns the points of all keyframes as one set, without jacobians, since a map does not move."""
     parts = [keyframe.placed for keyframe in keyframes]
     return PointSet(
         points=np.concatenate([np.empty((0, 2)), *(p.points for p in parts)]),

@@ -69,7 +69,7 @@ class Matcher:
         estimator: settings of the score and of its minimiser.
         beam: the sensor's errors.
         revolution_s: usual duration of a revolution of the radar [s].
-        tuning: how scans are matched to the map.
+        tuning: settings for matching scans to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
 
     Attributes:
@@ -113,10 +113,10 @@ class Matcher:
         return self._score(self.place(scan, state), final_scale(self.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
-        """Returns the directions (K, 3) [m, m, rad] in which a scan can shift at its start without psi observing it.
+        """Returns the directions (K, 3) [m, m, rad] along which psi does not observe the start pose of a scan.
 
-        K is 0 where psi observes every direction. The directions are no unit vectors: each has a Gauss-Newton information
-        of 1.
+        K is 0 where psi observes every direction. A direction d is no unit vector: d^T G d is 1, where G is Gauss-Newton's
+        information.
 
         At the widest scale, dense traffic can make a direction seem unobserved, although the scan shows it at the final
         scale. Shifts of the scan along such a direction are therefore scored at the final scale. If psi is clearly lower at
@@ -151,7 +151,9 @@ class Matcher:
         known: Minimum,
         is_doubtful: Callable[[Minimum], bool] | None = None,
     ) -> tuple[Minimum, bool]:
-        """Finds the best match around a prediction, as far as its covariance, `_SEARCH_M` and `_SEARCH_RAD` allow.
+        """Finds the best match in a region around a prediction.
+
+        The region reaches two standard deviations of the prediction far, within the limits `_SEARCH_M` and `_SEARCH_RAD`.
 
         Args:
             scan: the scan.
@@ -279,7 +281,7 @@ class Matcher:
         return best
 
     def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
-        """Places a scan at a match; returns a mask (N,) of its points with a reference within the widest scale's reach."""
+        """Returns a mask (N,) of a scan's points that have, at a match, a reference within reach of the widest scale."""
         points = self.place(scan, State(minimum.state)).points
         return mark_near(into.references.grid, points, self.matching.s_start)
 
@@ -311,7 +313,7 @@ class Matcher:
         return evaluate(placed, into.references, scale, self.kernel)
 
     def _rank_poses(self, scan: Scan, predicted: Belief, into: LocalMap) -> tuple[list[se2.Array], float]:
-        """Returns poses (3,) [m, m, rad] at which scan and map correlate, the best first, and the RMS range of returns [m].
+        """Returns poses (3,) [m, m, rad] at which scan and map correlate, the best first, and the RMS range [m] of the scan.
 
         The poses lie around the predicted pose, in the region of `search`.
         """
@@ -323,7 +325,10 @@ class Matcher:
         return ranked, float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
     def _refine(self, scan: Scan, poses: Sequence[se2.Array], predicted: Belief, into: LocalMap) -> list[Minimum]:
-        """Returns one match per pose (3,) [m, m, rad]: each search begins at the pose, with predicted motion and a prior."""
+        """Returns one match per pose (3,) [m, m, rad], at which the search begins with the predicted motion.
+
+        The prior around each start has the prediction's covariance.
+        """
         information = predicted.information
         starts = [State.of(pose, predicted.mean.motion) for pose in poses]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

@@ -195,8 +195,8 @@ class Blindness:
     def forget(self, known: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
         """Returns the uncertainty after other sensors gave the speed or the yaw rate, as the mask `known` (2,) says.
 
-        For a quantity that they gave, the distance or rotation counts from zero again. Its speed has the uncertainty of the
-        whole range of speeds, because psi did not measure it.
+        For a quantity that they gave, the uncertainty of the distance (or rotation) begins at zero again, and the speed (or
+        yaw rate) may lie anywhere in its range, because psi did not measure it.
         """
         speeds = np.where(known, _bound_speeds(settings), self.speeds)
         return Blindness(speeds, np.where(known, 0.0, self.travelled), np.where(known, 0.0, self.step))
@@ -210,7 +210,10 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations [m, m, rad] of a scan's start pose: both poses of the last step share its variance."""
+        """(3,) standard deviations [m, m, rad] to state for a scan's start pose: half the variance of the last step.
+
+        The other half belongs to the pose at the start of this step.
+        """
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
@@ -244,8 +247,8 @@ class LastMatch:
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
         """Predicts the state at the start of a later scan.
 
-        If the scan follows soon (`is_before`), the acceleration lasts (`predict`). After a longer gap the twist is constant
-        (`coast`). After more than LONGEST_COAST_S the sensor is at rest at its last pose.
+        If the scan follows soon (`is_before`), the acceleration is assumed to last (see the function `predict`), and after a
+        longer gap the twist (see `coast`). After more than LONGEST_COAST_S, the sensor is assumed to rest at its last pose.
         """
         dt, belief = scan.t0 - self.t0, self.belief
         if self.is_before(scan):
@@ -375,7 +378,10 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces a belief's motion by one (5,) as in `State.motion`, whose covariance (5, 5) has no terms with the pose."""
+    """Returns a belief with the same pose and another motion (5,), in the order of `State.motion`.
+
+    The motion has the given covariance (5, 5), and is not correlated with the pose.
+    """
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance
@@ -383,7 +389,7 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def limit_step(turn_s: float) -> float:
-    """Returns the longest time [s] between the starts of successive scans that is no gap, for scans that last `turn_s`."""
+    """Returns the longest time [s] between the starts of two scans that counts as no gap, if a scan lasts `turn_s` [s]."""
     return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 

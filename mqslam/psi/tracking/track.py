@@ -199,7 +199,7 @@ def _find_start(scans: Sequence[Scan], tracker: Tracker) -> int:
 def _take_head(scans: Sequence[Scan], first: int, least: int = 1) -> list[Scan]:
     """Returns up to `START_SCANS` successive scans from number `first` on, up to a gap or a scan with too few returns.
 
-    The first scan is always returned, whatever it holds. A gap does not end the scans before there are `least` of them.
+    The first scan is always returned, whatever it holds. The first `least` scans may have gaps between them.
     """
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:

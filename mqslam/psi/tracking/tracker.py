@@ -115,7 +115,7 @@ class Tracker:
         beam: the sensor's errors.
         revolution_s: duration of a revolution of the radar [s].
         keyframes: starts [s] of the scans that join the map; None takes scans that are far from the others.
-        tuning: how scans are matched to the map.
+        tuning: settings for matching scans to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
         is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far; also an
             attribute.
@@ -181,7 +181,7 @@ class Tracker:
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
-        """Returns whether a scan follows a gap in which the prediction may have erred by a pixel of the global search.
+        """Returns whether a scan follows a gap after which a prediction is less exact than a pixel of the global search.
 
         The result is False if the tracker is guided, because odometry bridges the gap.
         """
@@ -338,7 +338,7 @@ class Tracker:
         return minimum if self._is_out_of_place(found) else found
 
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
-        """Returns odometry's twist (3,) as a motion that was found; None if there is none or the tracker is not guided."""
+        """Returns odometry's twist (3,) as the motion of the scans; None without a twist or if the tracker is not guided."""
         if not self.is_guided or twist is None:
             return None
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
@@ -370,9 +370,10 @@ class Tracker:
     def _accept(
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
     ) -> Tracked:
-        """Makes a match the tracker's last match, and offers its scan to the map as a keyframe.
+        """Makes a match the tracker's last match, offers its scan to the map as a keyframe, and returns the scan's result.
 
-        `weak` (K, 3) are the directions of the start pose that psi does not observe, and `blind` their uncertainty.
+        `weak` (K, 3) are the directions of the start pose that psi does not observe, and `blind` is the uncertainty of the
+        motion along them.
         """
         belief = self._matcher.update_belief(minimum, predicted.information, weak)
         placed = self._matcher.place(scan, belief.mean)
