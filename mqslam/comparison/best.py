@@ -157,7 +157,7 @@ _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
 
 
 def _explain_verdicts(rows: Sequence[Standing]) -> list[str]:
-    """Returns a sentence, in a list, on why verdicts do not decide: only some rows are judged; else an empty list."""
+    """Returns a list of one sentence, that verdicts decide nothing, if only some rows were judged; else an empty list."""
     unjudged = [row.name for row in rows if row.verdict is VerdictStatus.NOT_JUDGED]
     if not unjudged or len(unjudged) == len(rows):
         return []

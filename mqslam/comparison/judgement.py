@@ -50,7 +50,7 @@ class Place:
         begin, end: the window holds the scans with indices begin <= k < end among the scans that all rows cover.
         t0, t1: times at which the window begins and ends [s] since the recording's start.
         apart_m: largest difference between two rows' motions through the window [m]: the root of the sum of the squares
-            of the difference in position and of `_LEVER_M` times that in yaw. Zero for places of `pick_stations`.
+            of the difference in position and of `_LEVER_M` times the difference in yaw. Zero for places of `pick_stations`.
     """
 
     begin: int
@@ -62,7 +62,7 @@ class Place:
 
 @dataclass(frozen=True)
 class JudgedRow:
-    """A row and its judgement.
+    """A row of a comparison with its map, the audit of this map, and the row's errors against ground truth.
 
     Args:
         row: the row.

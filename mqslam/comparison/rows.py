@@ -32,14 +32,14 @@ class Row:
 
     Args:
         name: name of the row in the table.
-        failure: why there is no trajectory, or why its map could not be judged; None for neither.
+        failure: why the row has no trajectory, or why its map could not be judged; None if nothing failed.
         odometry: the front end's motions, chained without optimisation, or the given trajectory; None if there is none.
         trajectory: the trajectory after the back end; without a back end the same as `odometry`.
         measurements: the front end's relative motions; empty for a given trajectory.
         loops, loops_rejected: numbers of loop closures that the back end kept and rejected.
         measure_s, back_end_s: seconds that the front end and the back end took.
         peak_rss_mb: largest memory of the process that ran the row [MB]; a worker of a cluster may have run other rows, too.
-        warnings: what could not be done for the row, and why.
+        warnings: sentences on steps that failed for the row, with the reason.
         covariances: covariances of all poses after the back end, or why they are not known; None where there is no back end.
     """
 
@@ -88,7 +88,7 @@ def run_front_ends(
     """Runs front ends, each in a process of its own; if a front end fails, its row states why.
 
     Args:
-        contexts: what each front end may use besides the scans, by the name of its row.
+        contexts: settings and measurements of other sensors for each front end, by the name of its row.
         scans: scans of the recording.
         engine: where the front ends run.
         progress: called as rows are done.

@@ -55,7 +55,7 @@ _SPREAD = (10.0, 50.0)  # the spread of the noise is the difference of these per
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0) -> Returns:
-    """Finds the returns of a polar scan, in the order of their times; the arguments are those of `detect_and_count`."""
+    """Finds the returns of a polar scan, in the order of their times; for the arguments see `detect_and_count`."""
     return detect_and_count(polar_scan, range_resolution, config, range_offset)[0]
 
 
@@ -123,7 +123,8 @@ def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: Detector
     """Returns the smoothed power [0..255] from which a return stands out of the noise; 0 if `power` is empty.
 
     The spread of the noise is the median power minus the 10th percentile, since targets only raise the power above the
-    median. Power (A, B), of the usable azimuths and the range bins within the limits, is smoothed over 2 half + 1 bins.
+    median. `power` (A, B) holds the usable azimuths and the range bins within the limits of range; it is smoothed over
+    2 half + 1 bins.
     """
     if power.size == 0:
         return 0.0
@@ -213,8 +214,8 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
     """Sets the powers of peaks on rings to 0.
 
-    At a ring, many azimuths have a peak. With long range bins, so have many at any range. Therefore a ring must also have
-    more peaks than the ranges around it.
+    At a ring, many azimuths have a peak. With long range bins, many azimuths have a peak at every range. Therefore a ring
+    must also have more peaks than the ranges around it.
 
     Args:
         ranges: (A, K) ranges of the peaks [bins].

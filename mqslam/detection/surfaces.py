@@ -143,7 +143,7 @@ def measure_unit(scans: Scans) -> float:
     """Measures a lidar's unit of length [m]: in this unit, its surroundings are about as large as a street is in metres.
 
     The unit is the median range divided by the usual range in a street, rounded to 0.01 m, and at least 0.01 m. In the
-    median, each return is weighted by its range, since neighbouring returns are the farther apart, the longer their ranges.
+    median, each return is weighted by its range, since the distance between neighbouring returns grows with their range.
     """
     ranges = np.sort(np.concatenate([scan.returns.ranges for scan in scans]))
     surface = np.cumsum(ranges)

@@ -256,7 +256,7 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velociti
     """Fits the velocity at time `middle` [s] and the acceleration to all shifts, starting from a velocity (2,) [m/s].
 
     If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
-    different times. There is no velocity if too few azimuths have a peak, or if one sector alone determines the fit.
+    different times. The result holds no velocity if too few azimuths have a peak, or if one sector alone determines the fit.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
     jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
@@ -302,8 +302,8 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
     """Returns the covariance (4, 4) of a fitted state by a jackknife over sectors; None if one sector alone determines it.
 
     A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
-    If the loss without a sector is not convex, the other sectors do not determine the state. The arguments are those of
-    `_fit_robustly`, with its results in `state` and `width`.
+    If the loss without a sector is not convex, the other sectors do not determine the state. The arguments are as in
+    `_fit_robustly`, whose results are `state` and `width`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
