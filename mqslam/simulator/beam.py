@@ -1,10 +1,11 @@
-"""Casts one beam of the simulated radar: what the beam meets, how much power comes back, and into which range bins.
+"""Casts one beam of the simulated radar: finds the things that the beam meets, and adds their echoes to the range bins.
 
 The two-way pattern of a beam is cut into thin cells. Walls are clipped to the cells exactly, so that an oblique wall fills
 all ranges that it crosses. A pole returns its echo from its nearest point, with the gain in the direction of its centre.
 
 `_cast_wall`, `_cast_pole` and `_cast_plant` take the position of a thing in the frame of the beam, as (distance along the
-beam, distance to the left of the beam) [m], and the sensor's velocity relative to the thing in the same frame [m/s].
+beam, distance to the left of the beam) [m], and the sensor's velocity relative to the thing in the same frame [m/s]. Their
+arguments `wall_echo` and `pole_echo` are fields of `SimulatedRadar`.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 All kernels live in this one file, because numba renews its cache when a kernel's own file changes, but not when the file
@@ -95,7 +96,7 @@ class SimulatedRadar(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What the beam meets in each of its cells."""
+    """The things that a beam meets in each of its cells (hits)."""
 
     table: Array  # (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`
     counts: NDArray[np.int64]  # (C,) number of hits in use

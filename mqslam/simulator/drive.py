@@ -191,7 +191,7 @@ def limit_acceleration(distance: Array, limit: Array, acceleration: float) -> Ar
 
 
 def make_tunnel_drive(duration_s: float) -> SampledDrive:
-    """Makes a drive along x that starts at x = -60 m; the speed varies between 7 and 13 m/s with a period of 24 s."""
+    """Makes a drive of `duration_s` [s] along x from x = -60 m; the speed varies from 7 to 13 m/s with a period of 24 s."""
     times = np.arange(0.0, duration_s + 0.5, 0.02)
     phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
     zeros = np.zeros_like(times)

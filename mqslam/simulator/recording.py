@@ -32,7 +32,7 @@ START_US = 1_600_000_000_000_000
 
 
 class World(Protocol):
-    """What the radar measures on a drive through a scene, and when."""
+    """A simulated world: the power that the radar receives on a drive through a scene, and the time of each azimuth."""
 
     def stamps(self, k: int) -> NDArray[np.float64]:
         """Returns the times (A,) [s] with which a correct clock stamps the azimuths of revolution k of the radar."""
@@ -55,8 +55,8 @@ MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
 class ClearWorld:
     """A world in which every surface is visible from all sides, and every azimuth is stamped when it is measured."""
 
-    scene: Scene  # what reflects
-    drive: Drive  # how the radar moves
+    scene: Scene  # the things that reflect
+    drive: Drive  # the motion of the radar
     sensor: SensorModel  # the radar
     turns: int  # number of revolutions
     seed: int  # seed of the noise
@@ -88,11 +88,11 @@ class ClearWorld:
 class SimulatedRecording(Recording):
     """A recording of a simulated drive through a scene; `simulate_recording` makes it."""
 
-    scene: Scene  # what reflects
-    drive: Drive  # how the sensor moves
+    scene: Scene  # the things that reflect
+    drive: Drive  # the motion of the sensor
     sensor: SensorModel  # the radar
-    wheel_odometry: WheelOdometry  # what the wheels report
-    world: World  # what the radar sees of the scene, and when
+    wheel_odometry: WheelOdometry  # speeds and yaw rates that the wheels report
+    world: World  # the power that the radar receives, and the time of each azimuth
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
@@ -121,8 +121,8 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
     """Makes a recording of a drive through a scene: polar scans of whole revolutions, wheel odometry and ground truth.
 
     Args:
-        scene: what reflects.
-        drive: how the sensor moves.
+        scene: the things that reflect.
+        drive: the motion of the sensor.
         duration_s: time by which the last polar scan ends [s].
         sensor: the radar; None takes a Navtech CTS350-X.
         seed: seed of all noise.

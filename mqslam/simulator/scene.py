@@ -291,7 +291,8 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
     """Returns vehicles (number, 9), as in `Scene.movers`, at random places of lanes.
 
-    A lane is its start (2,) [m], its heading [rad] and its length [m]. Vehicles of one entry of `lanes` have one speed.
+    A lane is its start (2,) [m], its heading [rad] and its length [m]. All vehicles on one entry of `lanes` have the same
+    speed.
     """
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))

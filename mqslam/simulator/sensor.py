@@ -98,7 +98,7 @@ class SensorModel:
 
     @property
     def rising(self) -> NDArray[np.bool_]:
-        """Which azimuths (A,) have a chirp that goes up: all of them or, with alternating chirps, every other one."""
+        """Mask (A,) of the azimuths whose chirp goes up: all azimuths or, with alternating chirps, every other one."""
         return np.asarray((np.arange(self.azimuths) % 2 == 0) | (not self.chirps))
 
     @property
@@ -147,7 +147,7 @@ def render_polar_scan(
     """Renders the received power (A, B) of one polar scan; bin b is centred at (b + 0.5) bin lengths plus the range offset.
 
     Args:
-        scene: what reflects.
+        scene: the things that reflect.
         poses: (A, 3) pose of the sensor at each azimuth in the scene's frame [m, m, rad].
         twists: (A, 3) body velocity of the sensor at each azimuth: forward [m/s], left [m/s], yaw rate [rad/s].
         times: (A,) time of each azimuth [s]; it determines where moving vehicles are.

@@ -145,7 +145,7 @@ def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Ar
 
 
 def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: float) -> SampledDrive:
-    """Makes a drive along a line that reaches the distances `reached` (M,) [m] at the times (M,) [s].
+    """Makes a drive of `duration_s` [s] along a line that reaches the distances `reached` (M,) [m] at the times (M,) [s].
 
     The parameter of the line is the distance along it [m]. The drive's time zero is `UNDER_WAY_S` after zero of these times.
     """
@@ -194,9 +194,9 @@ class Course(NamedTuple):
 def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
-    A round leads out to something new and back, by other streets if they are not much longer. Each round is driven twice.
-    The second drive is backwards if the round is short, unless that of the round before was backwards. Then the route goes
-    on to the start of the next round.
+    A round leads to streets that were not driven before, and back, by other streets if the way is not much longer. Each
+    round is driven twice. A short round is driven backwards the second time, unless the round before it was. Then the route
+    goes on to the start of the next round.
 
     Args:
         seed: seed of the route.
@@ -231,7 +231,7 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
     Args:
         net: the courses of the city.
         base: index of the course after which the round begins.
-        goals: indices of courses that are worth a visit; the round visits the nearest one first, then the next.
+        goals: indices of courses that the round should visit, the nearest one first.
         driven: (C,) whether each course lies in a street that was driven before.
     """
     way = [base]

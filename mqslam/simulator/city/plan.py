@@ -38,7 +38,7 @@ class Street:
 
     ends: tuple[int, int]  # indices of its two crossings in `CityPlan.crossings`
     line: Array  # (K, 2) its centre line [m], from the first end to the second
-    kind: StreetKind  # what it is; a footway has no vehicles
+    kind: StreetKind  # kind of the street; a footway has no vehicles
     profile: Profile  # its cross section
 
     @property
@@ -66,7 +66,7 @@ class Street:
 class Block:
     """The area that four streets enclose."""
 
-    kind: BlockKind  # what stands in it
+    kind: BlockKind  # kind of the houses or other things in the block
     outline: Array  # (K, 2) the centre lines of the streets around it [m], counter-clockwise
     insets: Array  # (K,) distance from each piece of the outline to the house line, behind which houses stand [m]
     fronts: tuple[Street, ...]  # (K,) the street along each piece of the outline
@@ -99,7 +99,7 @@ def _is_inside(ends: tuple[int, int]) -> bool:
 
 
 class _Sights(NamedTuple):
-    """Where the special parts of a city lie in its net."""
+    """The positions of the dual carriageway, the river, its bridges and the park in the net of a city's streets."""
 
     carriageway: int  # index of the row of streets that is the dual carriageway
     river: int  # index of the row of blocks in which the river runs

@@ -1,4 +1,4 @@
-"""The scene of a city: what stands in its blocks and along its streets, and the vehicles on its lanes.
+"""The scene of a city: houses and other things in its blocks and along its streets, and the vehicles on its lanes.
 
 The house line of a block is a polygon (K, 2) [m] inside which everything in the block stands.
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
@@ -52,7 +52,7 @@ def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
 
 
 def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Returns the scene with its vehicles moved along their lanes out of the way of a drive.
+    """Returns the scene with its vehicles moved along their lanes out of the way of a drive that lasts `duration_s` [s].
 
     Vehicles that would still touch the radar's own vehicle are removed.
     """
@@ -113,7 +113,7 @@ Span = tuple[float, float]
 
 
 class _Style(NamedTuple):
-    """How the houses of a block are built, with spans as (least, greatest) [m]."""
+    """Sizes of the houses of a block, and distances between them, as spans (least, greatest) [m]."""
 
     setback: Span  # distance from the house line
     depth: Span
