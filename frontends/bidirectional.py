@@ -149,6 +149,7 @@ def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -
     """Returns the difference of two measurements of one motion, with its variances.
 
     The variance is NaN along an axis that one of the measurements does not observe, and along all axes if one is lost.
+    `shared` is as in `join`.
     """
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
@@ -182,7 +183,12 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
 
 
 def _spread(off_map: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
-    """Marks the motions after each motion off the map, in the given order, until a motion on which both directions agree."""
+    """Returns for each motion on the map whether it follows a motion off the map before both directions agree again.
+
+    Args:
+        off_map: whether each motion is off the map; such a motion gets False.
+        agree: whether both directions agree on each motion.
+    """
     spread, after = [], False
     for is_off, both_agree in zip(off_map, agree, strict=True):
         spread.append(after and not is_off and not both_agree)
@@ -191,7 +197,7 @@ def _spread(off_map: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
 
 
 def _contradict(forward: Measurement, backward: Measurement, shared: float) -> bool:
-    """Returns whether two measurements of one motion are farther apart than their covariances explain."""
+    """Returns whether two measurements of one motion differ more than their covariances explain; `shared` is as in `join`."""
     apart, both = se2.subtract(backward.pose, forward.pose), forward.covariance + backward.covariance
     return bool(apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE)
 
@@ -202,8 +208,9 @@ def _join_motions(
     """Joins two measurements of one motion, each of which is on the map if both of its scans were matched (`on_map`).
 
     If both measurements are on the map, the result is their mean. However, if only one of the two directions is still
-    returning to its right position, the result is the measurement of the other direction. If only one measurement is on the
-    map, this one is the result. If neither is, `_average_alike` joins them if `is_guided`, else `_intersect`.
+    returning to its right position (`regains`), the result is the measurement of the other direction. If only one
+    measurement is on the map, the result is this measurement. If neither is, `_average_alike` joins both if `is_guided`,
+    else `_intersect`.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:
@@ -221,9 +228,9 @@ def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
     """Joins two measurements that follow odometry where psi does not show the motion; if one is lost, the other is used.
 
     In a corridor, each measurement is accurate across the corridor and inaccurate along it. By chance, the two measurements
-    disagree by a small angle about the direction of the corridor: covariance intersection would put the result where the
-    two directions cross, which is anywhere along the corridor. The result is therefore the mean of both measurements. Its
-    variance is at most the mean of their variances, whatever their errors have in common.
+    disagree by a small angle about the direction of the corridor: covariance intersection would put the result where two
+    nearly parallel lines cross, which is anywhere along the corridor. The result is therefore the mean of both
+    measurements. Its variance is at most the mean of their variances, whatever their errors have in common.
     """
     if (forward.status is Status.LOST) != (backward.status is Status.LOST):
         one = backward if forward.status is Status.LOST else forward

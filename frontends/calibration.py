@@ -41,9 +41,9 @@ class Twice(NamedTuple):
 
 
 def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
-    """Returns by which numbers (3,) the variances of x, y and yaw that a front end states must be multiplied.
+    """Returns the factors (3,) by which the variances of x, y and yaw that a front end states must be multiplied.
 
-    The numbers are drawn towards 1 as if `_TRUSTED` more motions agreed with what the front end states.
+    The factors are drawn towards 1 as if `_TRUSTED` more motions agreed with the stated variances.
 
     Args:
         motions: motions that were measured twice; motions shorter than `_MOVED_M` are left out.

@@ -32,7 +32,7 @@ class Registration(Protocol):
     """Longest distance between corresponding points [m]."""
 
     def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
-        """Returns points (N, 2) [m] as a downsampled cloud of the library, and the downsampled points (M, 2) [m]."""
+        """Downsamples points (N, 2) [m] to one per voxel of a given side [m]; returns the library's cloud, and points (M, 2)."""
         ...
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
@@ -52,7 +52,7 @@ class KeyframeMatcher:
 
     Args:
         registration: the library's registration.
-        settings: how scans are matched.
+        settings: side of the voxels, and range beyond which returns are dropped.
     """
 
     reference = 1.0
@@ -76,7 +76,10 @@ class KeyframeMatcher:
         return match
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> PlacedScan | None:
-        """Places the points (N, 2) [m] of a scan in the map; None without a map, or if hardly any map point is near."""
+        """Registers the points (N, 2) [m] of a scan on the map, beginning at a predicted pose (3,) [m, m, rad].
+
+        Returns None if there is no map, or if hardly any map point is near the points.
+        """
         reach, first_reach = self._registration.reach_m, _FIRST_REACH * self._registration.reach_m
         if self._map is None or not len(placed):
             return None

@@ -20,6 +20,9 @@ SIGMA_REST_M = 0.01
 class OdometryFrontEnd:
     """A front end that takes the motions from the odometry of the context.
 
+    Args:
+        context: holds the odometry.
+
     Raises:
         EstimationError: there is no odometry.
     """

@@ -48,10 +48,13 @@ Motions = list[DirectedMotion | None]
 
 
 class PsiFrontEnd:
-    """Odometry by psi over a running map, tracked in segments and in both directions of time.
+    """A front end that matches each scan to a running map by psi, in segments and in both directions of time.
 
-    Other odometry, a gyroscope and velocities from the radar's chirps help where psi does not find or observe the motion,
-    and add no information elsewhere. For a lidar, odometry also predicts each scan.
+    Odometry, a gyroscope and velocities from the radar's chirps help where psi does not find or observe the motion, and add
+    no information elsewhere. For a lidar, odometry also predicts each scan.
+
+    Args:
+        context: settings and measurements of other sensors.
     """
 
     takes_turning = True
@@ -137,7 +140,7 @@ def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
 
     Args:
         scans: scans of a recording, or its `ReversedScans`, in which the vehicle drives in reverse.
-        context: what the front end may use besides the scans; its times are those of the recording that is not reversed.
+        context: settings and measurements of other sensors, whose times are times of the recording that is not reversed.
 
     Raises:
         EstimationError: there are fewer than two scans.

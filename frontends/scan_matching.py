@@ -224,7 +224,7 @@ class MatchingFrontEnd:
     errors of both tracks are, and where one of the two tracks is lost: the motions there get the status `LOST`.
 
     Args:
-        context: what the front end may use besides the scans; its odometry is used for the start only.
+        context: settings, Doppler shift and odometry; the odometry is used only to find the first motion.
         strongest: share (0..1] of each scan's returns that is matched, the strongest ones.
         new_matcher: makes a matcher that has seen no scan.
     """

@@ -130,7 +130,7 @@ class Slam:
 
         Args:
             scans: scans of the recording.
-            context: what the front end may use besides the scans, without sensors other than odometry.
+            context: settings and odometry for the front end; it must hold no measurements of other sensors.
 
         Raises:
             EstimationError: no motion can be estimated from the data.
@@ -145,7 +145,7 @@ class Slam:
 
         Args:
             scans: scans of the recording.
-            context: what the front end may use besides the scans; all stages use the Doppler shift of the context.
+            context: settings and measurements of other sensors; all stages use the Doppler shift of the context.
 
         Raises:
             EstimationError: no motion can be estimated from the data.
@@ -200,10 +200,11 @@ class Slam:
         )
 
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
-        """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path.
+        """Returns the front end's motions between successive scans.
 
-        A lidar's motions are not corrected: a lidar sees only a part of its surroundings, so that two scans of a corridor
-        fit each other at any distance. The odometry between the scans is the better measurement.
+        The motions of the front end psi are corrected by ties (registrations of scans on earlier scans) along the path. A
+        lidar's motions are not corrected: a lidar sees only a part of its surroundings, so that two scans of a corridor fit
+        each other at any distance. The odometry between the scans is the better measurement.
         """
         runner = self._runner
         with runner.time_stage("windows"):
@@ -214,9 +215,9 @@ class Slam:
         return measurements
 
     def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
-        """Joins odometry and the other sensors to the front end's motions, whose distances are first multiplied by a factor.
+        """Joins odometry and the other sensors to the front end's motions, whose distances are first multiplied by `factor`.
 
-        The factor is a possible scale of the ranges. If the other sensors cannot be joined, only odometry is.
+        The factor is a possible scale of the ranges. If the other sensors cannot be joined, only odometry is joined.
         """
         settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
         motions = [scale_measurement(motion, factor) for motion in measurements]
@@ -231,7 +232,7 @@ class Slam:
         return joined
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
-        """Searches for loop closures; returns an empty result if the settings switch the search off, or if it fails."""
+        """Searches for loop closures; returns an empty result if the settings switch off the search, or if it fails."""
         runner, search = self._runner, LoopSearch([], 0)
         if self._config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

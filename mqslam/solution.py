@@ -46,8 +46,8 @@ class Solution:
         doppler_beta: range shift per closing speed [s], from the settings or as measured.
         doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before loops and sensors: the motions of the given odometry, chained without optimisation, or
-            those of the front end if there is no odometry that can be used.
+        odometry: trajectory before loops and sensors are added: the given odometry, or the front end's motions, chained
+            without optimisation, if there is no odometry that can be used.
         optimised: trajectory after optimisation.
         graph: all factors, with the starting values of the optimisation.
         values: the optimised values.
@@ -62,7 +62,7 @@ class Solution:
             if psi could not measure them.
         range_scale: the scale of the ranges; measurements, trajectories and maps are made with its factor.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
-        warnings: sentences on what could not be done, and why.
+        warnings: sentences for the user on steps that failed or data that are not used, with the reasons.
     """
 
     frontend: str
