@@ -133,7 +133,7 @@ class Image:
 
         Args:
             rows: (P,) rows of the pixels that are one, column by column.
-            begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
+            begins: (K + 1,) position in `rows` at which each column begins (see `find_pixels`).
         """
         if len(rows) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
             return np.asarray(add_up_around(self._padded, rows, begins, self._cells))
@@ -169,7 +169,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
     Args:
         rows: (P,) rows of the pixels that are one, column by column.
-        begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
+        begins: (K + 1,) position in `rows` at which each column begins (see `find_pixels`).
         blur: (2 R + 1,) weights of the blur along one axis.
     """
     side, reach = len(begins) - 1, len(blur) // 2
@@ -244,7 +244,7 @@ def add_up_around(
     Args:
         padded: (K + 2 C, K + 2 C) the image (K, K), with C more pixels at each edge.
         rows: (P,) rows of the given pixels in the image without these edges, column by column.
-        begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
+        begins: (K + 1,) position in `rows` at which each column begins (see `find_pixels`).
         cells: C, largest shift along each axis [pixels].
     """
     width = 2 * cells + 1

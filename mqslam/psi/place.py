@@ -31,7 +31,7 @@ class Beam(NamedTuple):
 
 
 class PointArrays(NamedTuple):
-    """The arrays of a `PointSet`, as the compiled functions take them."""
+    """The fields of a `PointSet` as a named tuple, which the compiled functions take."""
 
     points: NDArray[np.float64]
     jacobians: NDArray[np.float64]
@@ -65,7 +65,7 @@ class PointSet:
 
     @property
     def arrays(self) -> PointArrays:
-        """The arrays of the set, as the compiled functions take them."""
+        """The fields of the set as a named tuple, which the compiled functions take."""
         return PointArrays(self.points, self.jacobians, self.covariances, self.times, self.rays)
 
 
@@ -83,7 +83,7 @@ def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[
 
 
 def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam) -> PointSet:
-    """Renders returns as points.
+    """Renders returns as points in the world frame, under a motion of the sensor that begins at a start pose.
 
     Args:
         returns: returns to render.

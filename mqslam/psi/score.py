@@ -197,7 +197,7 @@ def evaluate(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, kernel: Kernel) -> Fields:
-    """Returns the fields of a `PsiEvaluation` of points against each other, whose neighbours `find_candidates` listed."""
+    """Scores points against each other, given lists by `find_candidates`; returns the fields of a `PsiEvaluation`."""
     n = len(points.points)
     near = Neighbours(arrange(np.arange(n), points), points.jacobians, lists.offsets, lists.indices)
     fields: Fields = _evaluate_near(points, near, scale, kernel, len(points.rays) == n)
@@ -299,7 +299,7 @@ def weigh_offsets(
 
 @register_jitable
 def find_reach(scale: Scale, kernel: Kernel) -> float:
-    """Returns the distance [m] within which neighbours are selected: s, or, if smaller, where kappa falls to xi."""
+    """Returns the distance [m] within which neighbours are selected: s or, if smaller, the distance where kappa is xi."""
     return float(min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi))))
 
 

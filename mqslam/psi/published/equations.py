@@ -14,8 +14,8 @@ printed. The default, `plateau`, sets the second factor of (8), the temporal fac
 As printed, a point without a selected neighbour costs nothing, so a map of scans that do not overlap scores best of all. The
 setting `unmatched` therefore adds a charge of `unmatched` times (2 s / (pi tau))^2 for each such point; zero gives the score
 as printed. The unit (2 s / (pi tau))^2 is the most that a single pair can cost with the settings `numerator: tau/2` and
-`factor: distance`, which are equations (9) and (10). The other values of these settings, which are those of Algorithm 1,
-do not change the charge.
+`factor: distance`, which are equations (9) and (10). The other values of these settings, which Algorithm 1 uses, do not
+change the charge.
 
 Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
 q = ((s_ij - alpha_s)/beta_s)^2 + ((t_ij - alpha_t)/beta_t)^2 (with `plateau`, the second term is 0 from alpha_t on), and the

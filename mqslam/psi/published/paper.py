@@ -150,7 +150,7 @@ def compute_table1(
     search: ExhaustiveSearch = SEARCH,
     progress: Progress = ignore_progress,
 ) -> list[Table1Row]:
-    """Computes Table I: the motions that every method obtains in every case, and the paper in its own cases.
+    """Computes Table I: the motions that every method obtains in every case, and the paper's motions in its own cases.
 
     Args:
         seeds: number of simulations of each case, each with its own yard and noise; the seeds are 0 to seeds - 1.
@@ -316,7 +316,7 @@ def format_figure2(scores: Mapping[str, Sequence[float]]) -> str:
 
 
 def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
-    """Renders a window of each case, simulated in the yard of a seed, twice: without motion, and with the estimated motion."""
+    """Renders a window of each case in the yard of a seed twice: without motion, and with the estimated motion."""
     windows = [simulate_window(case, seed, SCANS) for case in CASES]
     return [
         (

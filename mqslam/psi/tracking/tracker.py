@@ -147,7 +147,7 @@ class Tracker:
         return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
-        """Finds the motion of the first scans, and begins the map with the first one; returns the result of that scan.
+        """Finds the motion of the first scans, begins the map with the first scan, and returns this scan's result.
 
         Args:
             scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
@@ -271,9 +271,9 @@ class Tracker:
         """Measures the first scans of a map again, and makes the map anew from the scans at their new poses.
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
-        scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. Once a
-        scan does not match, or psi does not observe every direction, all motions up to this scan, and the motion from it to
-        the next scan, stay as they were first measured. A guided tracker changes nothing.
+        scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. This
+        ends at a scan that does not match, or where psi does not observe every direction. All motions up to this scan, and
+        its motion to the next scan, then stay as they were first measured. A guided tracker changes nothing.
 
         Args:
             scans: scans of the map so far.
