@@ -200,7 +200,7 @@ def require(name: str) -> None:
 
 @cache
 def _load_file(path: Path) -> type[FrontEnd]:
-    """Loads the one class in a Python file that has a method `measure`.
+    """Loads from a Python file its only class with a method `measure`.
 
     Raises:
         ConfigError: the file defines no such class, or more than one.

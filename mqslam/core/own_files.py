@@ -43,9 +43,9 @@ def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") 
 
     Args:
         owner: name of the code for the message, such as "front end mine.py".
-        happened: what the code did: `NO_IMPORT` while it is imported, `STOPPED` while it runs.
+        happened: text for the message: `NO_IMPORT` while the code is imported, `STOPPED` while it runs.
         kind: class of the error that is raised.
-        remedy: what the user can do about it, unless the error says so already.
+        remedy: advice to the user, unless the error itself gives it.
 
     Raises:
         MqslamError: the block raised an unexpected error; this error is of the class `kind`.

@@ -80,7 +80,7 @@ class Recording(ABC):
         fixes: GNSS fixes that the recording contains, or None.
         mount: where the radar sits on the vehicle, as the recording states it, or None.
         notes: sentences for the user on how the recording was read.
-        faults: defects of the recording, each with what was left out or corrected because of it.
+        faults: defects of the recording; each states the data that were left out or corrected because of it.
     """
 
     path: Path

@@ -100,7 +100,7 @@ class KnownTurning:
     Args:
         turning: rotation about the gyroscope's axis that is parallel to the radar's vertical axis.
         scale: yaw of the radar per rotation about this axis; negative if the gyroscope is mounted upside down.
-        delay_s: how late the gyroscope's stamps are against the radar's clock [s].
+        delay_s: delay of the gyroscope's stamps against the radar's clock [s]; positive if the stamps are late.
         bias: bias of the yaw rate after scaling [rad/s].
     """
 

@@ -24,7 +24,7 @@ from mqslam.core.trajectory import Trajectory
 T = TypeVar("T", bound=Tie)
 
 LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for lidars, which hold what a recording cannot show."""
+"""Name of the shipped configuration for lidars, with the settings that a recording cannot show."""
 
 # Settings that are lengths or speeds, besides those whose names end with the unit.
 _LENGTHS: Final = {
