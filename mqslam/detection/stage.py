@@ -57,7 +57,7 @@ def detect_stretch(
 
     Raises:
         DataError: a polar scan cannot be read, and either `strict` is set or the recording does not exist on this machine;
-            or the arrays of a polar scan are not what `PolarScan` states.
+            or the arrays of a polar scan do not have the shapes, units or times that `PolarScan` states.
     """
     scans: list[Returns] = []
     velocities: list[Velocities] = []
@@ -124,7 +124,7 @@ def detect_all(
 
     Raises:
         DataError: more than half of the polar scans cannot be read, one cannot be read and `strict` is set, the recording
-            does not exist on the machine of a worker, or its arrays are not what `Recording` and `PolarScan` state.
+            does not exist on the machine of a worker, or its arrays contradict what `Recording` and `PolarScan` state.
     """
     _check_recording(recording)
     total = len(recording)
@@ -168,7 +168,7 @@ def detect_all(
 
 
 def _check_recording(recording: Recording) -> None:
-    """Raises DataError unless the index of a recording is what `Recording` states; a user may have written its class."""
+    """Raises DataError if the index of a recording contradicts `Recording`, since a user may have written its class."""
     stamps: object = recording.stamps_us
     turns: object = recording.turns_us
     for name, column in (("stamps_us", stamps), ("turns_us", turns)):
@@ -190,7 +190,7 @@ def _check_recording(recording: Recording) -> None:
 
 
 def _check_polar_scan(recording: Recording, k: int, polar_scan: PolarScan) -> None:
-    """Raises DataError unless the arrays of polar scan k are what `PolarScan` states; a user may have written its reader."""
+    """Raises DataError if the arrays of polar scan k contradict `PolarScan`, since a user may have written its reader."""
     times, azimuths = polar_scan.times, polar_scan.azimuths
     begin = 1e-6 * (int(recording.stamps_us[k]) - recording.start_us)
     shapes = [np.shape(column) for column in (times, azimuths, polar_scan.power, polar_scan.valid)]
