@@ -1,4 +1,4 @@
-"""Finds the best row (front end or given trajectory) of a comparison, and says in words what decides.
+"""Finds the best row (front end or given trajectory) of a comparison, and names the criterion that decides.
 
 Errors against ground truth decide first, then the shares of torn windows and of torn revisits, then the verdicts. psi per
 point over neighbours in time decides nothing, since it is as small for a map that bends slowly as for a correct map.

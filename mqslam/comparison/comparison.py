@@ -45,8 +45,8 @@ class Comparison:
         compared: number of scans that every row covers, on which the rows are judged.
         places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
         stations: places spread evenly over time. The crops at these places come next in `JudgedRow.crops`.
-        agreement: for pairs of rows that ran, both names and the errors of the first row if the second were the truth.
-        warnings: warnings that a reader must know before the numbers.
+        agreement: for each pair of rows that ran, both names, and the errors of the first row against the second row.
+        warnings: warnings that a reader of the figures must know.
     """
 
     recording: Recording

@@ -239,7 +239,7 @@ def _crop(sweeps: Sweeps, place: Place, half_m: float) -> NDArray[np.float64]:
 
 
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
-    """Returns for pairs of rows both names and the errors of the first row, as if the second row were the truth.
+    """Returns for each pair of rows both names, and the errors of the first row if the second row is taken as the truth.
 
     A pair is left out if fewer than 3 stamps of the second row lie in the time span of the first row.
     """
