@@ -1,7 +1,7 @@
 """Simulates a radar drive: a geometric scene, a true motion, a spinning radar, wheels that slip, a gyroscope and GNSS.
 
 `simulate_recording` makes a recording in memory, and `simulate` also writes the recording to disk in the Oxford layout. Both
-take a function that makes a `World`; the world determines what the radar sees of the scene, and when.
+take a function that makes a `World`, which determines the power that the radar receives and the time of each azimuth.
 """
 
 from mqslam.core.velocity import CHIRP_BETA

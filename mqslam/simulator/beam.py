@@ -197,9 +197,10 @@ def _cast_wall(
 
 @nb.njit(cache=True, nogil=True)
 def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
-    """Returns the ends of the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative.
+    """Returns the ends of the part of [t0, t1] on which a linear function of t is not negative.
 
-    If there is no such part, the second end is not larger than the first.
+    The function is `at_start` at t = 0 and `at_end` at t = 1. If there is no such part, the second end is not larger than
+    the first.
     """
     if at_start < 0.0 and at_end < 0.0:
         return 1.0, 0.0

@@ -104,7 +104,7 @@ def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
     heading along x.
 
     Args:
-        duration_s: how long to drive [s].
+        duration_s: duration of the drive [s].
         speed: speed on the straights [m/s].
     """
     places, lap, curvatures, limits = _lay_lap(speed)

@@ -26,7 +26,7 @@ _EQUATOR_M, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 
 @dataclass(frozen=True)
 class OdometryModel:
-    """Errors of wheel odometry and its yaw-rate gyro."""
+    """Rate of wheel odometry with a yaw-rate gyroscope, and the sizes of its errors."""
 
     rate_hz: float = 20.0  # rows, the readings of the wheels, per second
     scale: float = 0.02  # standard deviation of the speed's relative error, which is drawn once per recording
@@ -72,7 +72,7 @@ def simulate_wheel_odometry(
 
 @dataclass(frozen=True)
 class GyroscopeModel:
-    """Errors of a gyroscope."""
+    """Rate of a gyroscope, the sizes of its errors, and the delay of its stamps."""
 
     bias: float  # standard deviation of an axis's bias when the gyroscope is switched on [rad/s]
     bias_walk: float  # standard deviation by which a bias wanders in a second [rad/s]
@@ -113,7 +113,7 @@ def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: Gy
 
 @dataclass(frozen=True)
 class ReceiverModel:
-    """Errors of a single-frequency GNSS receiver, such as the u-blox M8 and M9, whose median error is 2 to 2.5 m."""
+    """Rate and errors of a single-frequency GNSS receiver, such as the u-blox M8 with a median error of 2 to 2.5 m."""
 
     rate_hz: float = 1.0  # fixes per second
     noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states this value for every fix

@@ -57,7 +57,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `tunnel` (a bare tunnel
             of 400 m between two streets, at changing speed), `yard` (a slow circle) or
             `city` (kilometres of streets, many of which the drive passes again).
-        duration_s: how long to drive [s].
+        duration_s: duration of the drive [s].
         sensor: the radar.
         seed: seed of the scene and of all noise.
         movers: number of moving vehicles in the scene's lanes; None takes the scene's usual number: 6, none in the corridor
