@@ -50,7 +50,7 @@ class DirectedMotion(NamedTuple):
 class ReversedScans(Sequence[Scan]):
     """The scans of a recording that is played backward, the last scan first; each scan is made when it is read.
 
-    If the recording's next scan follows a scan at once, the reversed scan begins where this next scan starts. Both
+    A reversed scan begins at the start of the scan that is next in the recording, if that scan follows at once. Both
     directions then measure motions between the same instants. A scan that was taken in one instant, such as a lidar scan
     without a time per beam, keeps this instant as its start.
 
@@ -197,7 +197,7 @@ def _spread(off_map: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
 
 
 def _contradict(forward: Measurement, backward: Measurement, shared: float) -> bool:
-    """Returns whether two measurements of one motion differ more than their covariances explain; `shared` is as in `join`."""
+    """Returns whether two measurements of a motion differ more than their covariances explain; `shared` is as in `join`."""
     apart, both = se2.subtract(backward.pose, forward.pose), forward.covariance + backward.covariance
     return bool(apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE)
 

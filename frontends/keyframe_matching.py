@@ -26,13 +26,13 @@ _SCAN_VOXEL = 0.5
 
 
 class Registration(Protocol):
-    """A library's registration of planar clouds."""
+    """The functions by which a library makes planar point clouds and registers them on each other."""
 
     reach_m: float
     """Longest distance between corresponding points [m]."""
 
     def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
-        """Downsamples points (N, 2) [m] to one per voxel of a given side [m]; returns the library's cloud, and points (M, 2)."""
+        """Downsamples points (N, 2) [m] to one per voxel; returns the library's cloud, and the points (M, 2) [m] in it."""
         ...
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:

@@ -43,6 +43,9 @@ class KissIcpFrontEnd(MatchingFrontEnd):
     KISS-ICP deskews a scan to the scan's end, where the next scan begins. Without deskewing, the pose that KISS-ICP finds is
     the pose at half the scan's duration.
 
+    Args:
+        context: settings, Doppler shift and odometry.
+
     Raises:
         ConfigError: the YAML file of KISS-ICP's own settings is missing or invalid.
     """

@@ -28,6 +28,9 @@ _LOSS = 1.0
 class Open3dIcpFrontEnd(MatchingFrontEnd):
     """A front end that matches each scan to a map of the last keyframes with Open3D.
 
+    Args:
+        context: settings, Doppler shift and odometry.
+
     Raises:
         ConfigError: Open3D cannot be imported.
     """

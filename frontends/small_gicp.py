@@ -29,6 +29,9 @@ _HEIGHTS = (-0.5, 0.0, 0.5)
 class SmallGicpFrontEnd(MatchingFrontEnd):
     """A front end that matches each scan to a map of the last keyframes with small_gicp.
 
+    Args:
+        context: settings, Doppler shift and odometry.
+
     Raises:
         ConfigError: small_gicp cannot be imported.
     """

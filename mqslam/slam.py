@@ -47,8 +47,8 @@ class Slam:
     """The SLAM method: takes one recording through front end, pose graph and map. Every run needs a new `Slam`.
 
     Args:
-        config: all settings, or a dict of those that differ, such as `{"detector": {"threshold": 60}}`; None takes the
-            defaults.
+        config: all settings, or a dict of the settings that differ from the defaults, such as
+            `{"detector": {"threshold": 60}}`; None takes the defaults.
         frontend: name of the front end.
         runner: does and times the work, reports progress and keeps results; None works in this process, silently, and keeps
             nothing.

@@ -57,7 +57,7 @@ class Solution:
             replace these loops in the graph.
         loops_rejected: number of pairs of scans that were compared but are no loop.
         refined: result of the refinement that follows the loop closures, including psi across passes.
-        sensors: how each of the other sensors is used, or why it is not.
+        sensors: the use of each of the other sensors, or the reason why it is not used.
         range_errors: range offset and Doppler shift of the radar as psi measured them before other sensors were joined; None
             if psi could not measure them.
         range_scale: the scale of the ranges; measurements, trajectories and maps are made with its factor.
