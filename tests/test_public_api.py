@@ -246,7 +246,7 @@ def test_returns_and_scans_of_a_wrong_shape_are_refused() -> None:
     with pytest.raises(ValueError, match=r"must be mqslam\.Returns, and are an object of type list"):
         mqslam.Scan(0.0, 0.25, [row])
     for span in ((row, row), ("0", "1"), (1.0, 0.5), (np.nan, 0.25), (0.0, np.nan), (0.0, np.inf)):
-        with pytest.raises(ValueError, match="must be its start and its end in seconds"):
+        with pytest.raises(ValueError, match="give its start and its end in seconds"):
             mqslam.Scan(*span, mqslam.Returns.none())
 
 

@@ -93,7 +93,7 @@ class Scan:
                 f"the returns of a scan must be mqslam.Returns, and are an object of type {type(returns).__name__}"
             )
         if not isinstance(t0, _NUMBERS) or not isinstance(t1, _NUMBERS) or not -inf < self.t0 <= self.t1 < inf:
-            raise ValueError("t0 and t1 of a scan must be its start and its end in seconds")
+            raise ValueError(f"a scan has t0 = {t0!r} and t1 = {t1!r}; give its start and its end in seconds")
 
     def __repr__(self) -> str:
         return f"<Scan, {self.t0:.3f} s to {self.t1:.3f} s, {count_of(len(self.returns), 'return')}>"

@@ -159,7 +159,7 @@ def detect_all(
         for scan in scans:
             rest.append(drop_cells(scan.returns, fixed))
         scans = rest.close(scans.spans)
-    _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
+    _log.info("%d returns in %d polar scans, of which %d could not be read", len(scans.table), total, len(unread))
     read_s, detect_s = sum(part.read_s for part in others), sum(part.detect_s for part in others)
     counts = sum((part.counts for part in others), PeakCounts())
     velocities = _join([part.velocities for part in others if part.velocities is not None])

@@ -23,7 +23,7 @@ def test_verbose_says_what_each_stage_found_and_took(street: Path, quick: Path, 
     shown = mqslam("run", street, "--out", tmp_path / "loud", "-v", *words)
     silent = mqslam("run", street, "--out", tmp_path / "silent", "-q", *words)
     assert (shown.code, silent.code) == (0, 0)
-    assert "mqslam.detection.stage: " in shown.err and "returns in 48 polar scans, 0 of them unread" in shown.err
+    assert "mqslam.detection.stage: " in shown.err and "returns in 48 polar scans, of which 0 could not be read" in shown.err
     assert "mqslam.execution.runner: render took " in shown.err
     assert silent.err == "" and silent.out == ""
 
