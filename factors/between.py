@@ -51,7 +51,7 @@ def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
     Args:
         a: key of the earlier pose.
         b: key of the later pose.
-        loop: the later pose in the frame of the earlier pose, with its covariance, to which `add_bend` adds.
+        loop: the later pose in the frame of the earlier pose, with its covariance, which `add_bend` enlarges.
     """
     return _make_between(a, b, loop.pose, add_bend(loop.covariance), _LOSSES.Cauchy.Create(CAUCHY))
 

@@ -203,7 +203,7 @@ NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins 
 
 
 def keep_strongest(scan: Scan, share: float) -> Scan:
-    """Returns a scan with the strongest `share` (0..1] of its returns, and any others as strong as the weakest of these."""
+    """Returns a scan with the strongest `share` (0..1] of its returns; further returns of equal intensity are kept, too."""
     count = int(np.ceil(share * len(scan.returns)))
     if count == len(scan.returns):
         return scan
@@ -293,11 +293,12 @@ def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDAr
 def _follow(
     scans: Sequence[Scan], track: ScanTrack, start: Step, *, instants: bool
 ) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motion from each scan k to scan k + 1 along a new track, and three durations (3,) [s] without a match.
+    """Follows the scans with a new track; yields each motion, and three durations (3,) [s] for which it lacks a match.
 
-    The first duration is the time since the last match at scan k - 1: 0 if this scan was matched, or if k is 0. The second
-    duration is the same time at scan k. The third is the time between the end of scan k and the start of scan k + 1: 0 if
-    `instants`, which means that each scan was taken in an instant. `start` is the match of the first scan.
+    For the motion from scan k to scan k + 1, the first duration is the time from the last match to scan k - 1: 0 if this
+    scan was matched, or if k is 0. The second is the time from the last match to scan k. The third is the time between the
+    end of scan k and the start of scan k + 1: 0 if `instants`, which means that each scan was taken in an instant. `start`
+    is the match of the first scan.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)

@@ -159,8 +159,8 @@ class Run(Solution):
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by the scan's index in the recording.
         crashes: error message of each part that could not be made, by the name of the part.
-        mount: pose of the radar on the vehicle; trajectories, covariances and maps are then the vehicle's, in the frame of
-            its first pose. None if they are the radar's.
+        mount: pose of the radar on the vehicle, if trajectories, covariances and maps belong to the vehicle, in the frame
+            of its first pose; None if they belong to the radar.
     """
 
     map_odometry: PointMap

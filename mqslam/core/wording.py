@@ -127,7 +127,7 @@ def _describe_doppler(summary: Mapping[str, Any]) -> list[str]:
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
     """Returns a warning, in a list, that sensors may have made the map worse; empty without such a suspicion.
 
-    They are suspected if the audit does not pass and psi was lower (crisper) before they were added.
+    Sensors are suspected if the audit does not pass and psi was lower (crisper) before the sensors were added.
 
     Args:
         summary: content of summary.json.

@@ -151,8 +151,8 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the covariance (Q, Q) of the fusion of two independent estimates.
 
-    The result (first^-1 + second^-1)^-1 is computed as first (first + second)^-1 second, which also holds where one of the
-    two matrices is singular.
+    The result (first^-1 + second^-1)^-1 is computed as first (first + second)^-1 second, which also works if one of the two
+    matrices is singular.
 
     Args:
         first: (Q, Q) covariance of one estimate.

@@ -190,7 +190,7 @@ def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> Ne
 
 @nb.njit(cache=True, nogil=True)
 def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points near each query (N, 2) [m] like `list_near`, but by indices among the points as they were given."""
+    """Lists the points near each query (N, 2) [m] like `list_near`; the indices count the points in their given order."""
     near = list_near(grid, queries, radius)
     return NearbyLists(near.offsets, grid.order[near.indices], queries, radius)
 

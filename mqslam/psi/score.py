@@ -114,7 +114,7 @@ class Neighbours(NamedTuple):
             each reference.
         jacobians: (M, 2, Q) derivatives of the references by the state; empty (0, 2, Q) where the references do not move.
         offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is K.
-        indices: (K,) indices, among the M references, of those near the queries; some may lie beyond the reach.
+        indices: (K,) indices of the references near the queries; some references may lie beyond the reach of the score.
     """
 
     known: NDArray[np.float64]

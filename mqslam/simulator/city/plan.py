@@ -177,7 +177,7 @@ def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) ->
 
 
 def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> StreetKind:
-    """Returns the kind of the street that begins at a crossing and leads along x (`is_row`) or along y."""
+    """Returns the kind of the street that begins at the crossing in a column and row, and leads along x (`is_row`) or y."""
     across, up = sights.park
     if is_row:
         if row == sights.carriageway:
