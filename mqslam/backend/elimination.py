@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # pairs: key of a variable (d,), derivatives (3, d) of a vector (3,) by it
+Derivative = tuple[tuple[int, _Array], ...]  # pairs (key of a variable (d,), derivatives (3, d) of a vector (3,) by it)
 UNDETERMINED: Final = "the graph leaves a direction undetermined"  # reason why covariances cannot be computed
 # numerical: standard deviation of the random changes that reveal rounding errors, relative to the changed coefficient
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)
@@ -127,8 +127,8 @@ def _make_room(system: Blocks, more: int) -> Blocks:
 def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[np.int64], variable: int, block: int) -> None:
     """Appends a block to the list of the blocks that wait for the elimination of a variable.
 
-    A block waits for that of its variables which is eliminated first. `head` and `tail` give the first and the last block in
-    the list of each variable, and `following` gives the next block after each block; -1 stands for no block.
+    The variable is the one that is eliminated first among the block's variables. `head` and `tail` give the first and the
+    last block in the list of each variable, and `following` gives the next block after each block; -1 stands for no block.
     """
     if head[variable] < 0:
         head[variable] = block
@@ -139,8 +139,9 @@ def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[n
 
 @nb.njit(cache=True, nogil=True)
 def _unite(pool: Blocks, first: int, following: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the numbers of all variables in a list of blocks that begins with the block `first`, in increasing order.
+    """Returns the numbers of all variables in a list of blocks of `pool`, in increasing order.
 
+    `first` is the number of the list's first block, and `following` gives the next block after each block (-1: none).
     `column` is scratch space with one entry per variable, all negative before and after the call.
     """
     room, block = 0, first
@@ -169,9 +170,9 @@ def _stack(
     column: NDArray[np.int64],
     tied: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Stacks the rows of a list of blocks that begins with the block `first`; the columns are those of the variables `tied`.
+    """Returns the rows of a list of blocks of `pool` as one matrix, whose columns belong to the variables `tied`.
 
-    `column` is scratch space with one entry per variable, all negative before and after the call.
+    `first`, `following` and `column` are as in `_unite`. `widths` gives the number of columns of each variable.
     """
     width, height, block = 0, 0, first
     for one in tied:
@@ -238,7 +239,7 @@ def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @nb.njit(cache=True, nogil=True)
 def _append(flat: NDArray[np.float64], used: int, more: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Writes `more` into an array after its first `used` entries; returns the array, or a larger copy if it is full."""
+    """Writes `more` after the first `used` entries of an array; returns the array, or a larger copy if it was too small."""
     if used + len(more) > len(flat):
         larger = np.empty(2 * (used + len(more)), flat.dtype)
         larger[:used] = flat[:used]
@@ -256,7 +257,7 @@ def project_all(
     places: NDArray[np.int64],
     blocks: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Returns the covariances (K, 3, 3) of K linear functions D x of a vector x, where R x is noise of unit variance.
+    """Returns the covariances (K, 3, 3) of K linear functions D x of a vector x (n,), where R x is noise of unit variance.
 
     Each function has its own matrix D (3, n). Its covariance is Y^T Y, where Y solves R^T Y = D^T. Y is computed row by row
     from the first row on; rows of zeros are skipped.
@@ -267,8 +268,8 @@ def project_all(
         columns: (m,) column of each entry of R.
         entries: (m,) entries of R that may differ from zero, row by row; in each row the diagonal entry comes first.
         ends: (K + 1,) index in `blocks` at which the rows of each function's D^T begin, and the index after the last row.
-        places: (r,) for each row of `blocks`, its row number in D^T.
-        blocks: (r, 3) the rows of all D^T that are not zero, function by function.
+        places: (r,) row number in D^T of each row of `blocks`.
+        blocks: (r, 3) rows of D^T that are not zero, function by function.
     """
     covariances = np.zeros((len(ends) - 1, 3, 3))
     right = np.zeros((len(begins) - 1, 3))
@@ -372,8 +373,8 @@ class Elimination:
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
         """Returns a square root of the joint covariance of a variable and the variables that it depends on, in this order.
 
-        `root` is a square root of the joint covariance of the `known` variables, which include all that the variable depends
-        on.
+        `root` is a square root of the joint covariance of the `known` variables, among which are all variables that the
+        variable depends on.
         """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])
@@ -393,7 +394,7 @@ class Elimination:
         """Returns the covariances (K, 3, 3) of K functions (3,) of the variables, given the derivatives of each function.
 
         A function is linearised as D x. In the eliminated system, R x is noise of unit variance, so that D x has the
-        covariance of D R^-1 noise. To this, only the variables in D and those on which they depend contribute.
+        covariance of D R^-1 noise. Only the variables in D and the variables on which these depend contribute to it.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]

@@ -32,7 +32,7 @@ class PoseCovariances:
     Args:
         indices: (K,) numbers of the scans to which the poses belong; empty if the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
-        failure: why the covariances cannot be computed; None if they are computed.
+        failure: the reason why the covariances cannot be computed; None if they are computed.
     """
 
     indices: NDArray[np.int64]
@@ -81,7 +81,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
 
 class Uncertainty:
-    """Computes covariances of the poses of a graph. The graph is eliminated when the first covariance is asked for.
+    """Computes covariances of the poses of a graph, which is eliminated when the first covariance is computed.
 
     Args:
         graph: the graph; its factors may also involve variables other than the poses.
@@ -164,9 +164,8 @@ _SCALE: Final = S(0)  # key of the relative error of the scale, which all distan
 def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, float]:
     """Measures the relative error of the scale, which all distances of the radar have in common.
 
-    The graph contains other sensors, and was optimised with a scale error of zero. At this optimum, the derivatives of the
-    cost by all other variables are zero, so that one Gauss-Newton step, from the derivative by the scale error, gives this
-    error.
+    The graph contains other sensors, and was optimised with a scale error of zero. At this optimum, only the derivative of
+    the cost by the scale error is not zero. One Gauss-Newton step from there gives the scale error.
 
     Args:
         graph: the graph with the other sensors; its `scale_sigma` is the prior standard deviation of the scale error.

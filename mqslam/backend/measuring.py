@@ -1,4 +1,4 @@
-"""Runs the front end, which measures the motions between successive scans; stores the motions and shows them live."""
+"""Runs the front end, which measures the motions between successive scans; stores the motions, and shows the map live."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 
     If some motions do not have the status CONVERGED, the front end may measure all motions a second time: without the
     odometry if the odometry contradicts the converged motions, and with the gyroscope's yaw rates if the gyroscope agrees
-    with the converged motions. If neither condition holds, there is no second time.
+    with the converged motions. If neither condition holds, the motions are measured only once.
 
     Args:
         name: name of the front end.
         scans: scans of the recording.
         context: what the front end may use besides the scans.
-        beam: the sensor's errors, for the live view of the growing map.
-        runner: stores the motions, reports progress and holds the live view's watch.
+        beam: the sensor's measurement errors, for the live view of the growing map.
+        runner: stores the motions, reports progress, and holds the user's function that shows scans, if there is one.
 
     Raises:
         EstimationError: no motion can be estimated from the data.
@@ -75,7 +75,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
     """Returns the context's odometry; None if there is none, or if it contradicts the converged motions.
 
-    For the odometry front end, nothing is compared, and the odometry is returned.
+    `name` is the name of the front end. The front end `odometry` returns odometry's own motions, which are not compared.
     """
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
@@ -84,7 +84,10 @@ def _drop_contrary(name: str, context: Context, measurements: Sequence[Measureme
 
 
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
-    """Returns the radar's yaw rates by a gyroscope; None if no gyroscope agrees, or if the front end cannot use one."""
+    """Returns the radar's yaw rates from the gyroscope; None without a gyroscope that agrees with the motions.
+
+    None is also returned if the front end, given by its name, cannot use yaw rates.
+    """
     gyroscope = context.sensors.gyroscope
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
@@ -93,15 +96,15 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
 
 
 class LiveMap:
-    """The live view of a run. Each motion is reported as progress, and the scan at its start is passed to the watch.
+    """The live view of a run: reports each motion as progress, and shows the scan at the start of each motion.
 
-    The watch is the user's function that shows scans. If the watch fails, it is not called again, the run goes on, and a
-    warning states the failure.
+    Scans are shown by the user's function `Runner.watch`. If this function fails, it is not called again, the run goes on,
+    and a warning states the failure.
 
     Args:
         scans: scans of the recording.
-        beam: the sensor's errors.
-        runner: holds the watch, if there is one, and receives the progress.
+        beam: the sensor's measurement errors.
+        runner: holds the user's function, if there is one, and receives the progress.
     """
 
     def __init__(self, scans: Scans, beam: Beam, runner: Runner) -> None:

@@ -1,4 +1,4 @@
-"""Builds the pose graph from the poses of scans and submaps and from other sensors' variables, and optimises it by GTSAM."""
+"""Builds a pose graph from poses of scans and submaps and from the factors between them, and optimises it by GTSAM."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Optimum:
 
     Args:
         values: the optimised values, or the initial values if the optimisation failed.
-        failure: why the optimisation failed; None if it did not fail.
+        failure: the reason why the optimisation failed; None if it did not fail.
     """
 
     values: gtsam.Values
@@ -94,9 +94,9 @@ def build_pose_graph(
 
 
 def optimise(graph: PoseGraph, start: gtsam.Values | None = None) -> Optimum:
-    """Minimises the graph's error by Levenberg-Marquardt; if this fails, the result has the starting values and the reason.
+    """Minimises the graph's error by Levenberg-Marquardt, from `start` or, if this is None, from the graph's own values.
 
-    The search starts from `start`, or, if it is None, from the graph's starting values.
+    If the optimisation fails, the result holds the graph's starting values and the reason.
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
     deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends

@@ -44,8 +44,8 @@ class GraphProblem(ABC):
         Args:
             loops: the loops of the graph.
             ties: the ties of the refinement in the graph.
-            start: values of all variables from which the optimum is searched; None takes the graph's starting values. The
-                optimum of a graph with most of these loops saves half of the time.
+            start: values of all variables from which the optimum is searched; None takes the graph's starting values. A
+                search from the optimum of a graph with most of these loops takes half of the time.
         """
         graph = self.build_graph(loops, ties)
         return graph, optimise(graph, start)
@@ -121,9 +121,9 @@ class Problem(GraphProblem):
     def list_statements(self) -> list[Measurement]:
         """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        If a factor starts or ends at a submap, its motion starts or ends at the submap's first scan. Its `apart` is NaN. The
-        fields besides times, pose and covariance are those of the front end's motion that ends at the same scan. No motion
-        ends at the drive's first scan: there, the fields are those of the first motion.
+        If a factor starts or ends at a submap, its motion starts or ends at the submap's first scan. Its `apart` is NaN. All
+        fields but `apart`, times, pose and covariance are copied from the front end's motion that ends at the same scan, or
+        from the first motion if this scan is the drive's first.
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
@@ -151,7 +151,7 @@ class Problem(GraphProblem):
 
     @property
     def yaw_drift(self) -> float:
-        """Random walk of the yaw of the front end's map [rad/sqrt(s)], from the ties between submaps; 0 without ties."""
+        """Random walk of the yaw of the front end's map [rad/sqrt(s)], by the ties between submaps; 0 without such ties."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 

@@ -3,7 +3,7 @@
 psi does not show the scale: if the range bins are longer than stated, the map and all motions grow by the same factor.
 Before other sensors are used, the uncertainty of the scale has two sources. The first is the length of a bin, which is
 stated to a few digits, or assumed from the format of the recording. The second is the range offset, a constant error of all
-ranges. psi measures the offset, and the error that remains changes all lengths by a share that depends on the recording.
+ranges. psi measures the offset only approximately; how much the rest changes lengths depends on the recording.
 GNSS fixes measure lengths, and so does odometry, with the relative error `odometry.sigma_travel`. If these sensors
 contradict the radar's scale, the ranges are multiplied by a factor. Otherwise the ranges stay as they are.
 """
@@ -82,13 +82,13 @@ class RangeScale:
         )
 
     def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
-        """Returns the scale that other sensors show if it contradicts this scale; else this scale, with theirs stated.
+        """Returns the scale that other sensors show if it contradicts this scale; else this scale, with one more statement.
 
         Args:
             shown: the scale error that other sensors still show after the ranges have been multiplied by the factor.
             factor: the factor by which the ranges must be multiplied to agree with the other sensors.
         """
-        said = f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar"
+        said = f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times the radar's lengths"
         if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):
             said = f"{said}, which does not contradict the radar: the ranges stay as they are"
             return replace(self, statements=(*self.statements, said))
@@ -101,7 +101,7 @@ class RangeScale:
 
 @dataclass(frozen=True, slots=True)
 class ShownScale:
-    """The relative error of the radar's ranges, as other sensors show it.
+    """The relative error of the radar's lengths, as other sensors show it.
 
     Args:
         sensors: names of the sensors.
@@ -118,7 +118,7 @@ class ShownScale:
 
     @classmethod
     def by(cls, joined: Joined, sigma_travel: float) -> ShownScale | None:
-        """Returns the error that other sensors show; None if no other sensor measures lengths.
+        """Measures the error by the other sensors in a trajectory's graph; returns None if none of them measures lengths.
 
         Args:
             joined: the trajectory, with the other sensors in its graph.
@@ -144,7 +144,7 @@ class Joined(NamedTuple):
 
     Args:
         problem: the trajectory.
-        used: how each sensor is used.
+        used: results of the comparisons of the sensors with the radar.
         odometry: motions of odometry before calibration; empty if there is no odometry.
     """
 
@@ -186,7 +186,8 @@ def _compare_odometry(
 ) -> tuple[float, float]:
     """Returns odometry's travel divided by the radar's travel, minus 1, and the standard deviation of this relative error.
 
-    Returns 0 and UNKNOWN if there is no odometry or no travel, or if the odometry's travel is too inaccurate.
+    The standard deviation is `sigma_travel`, the relative error of odometry's travel. If it is too large, or if there is no
+    odometry or no travel, 0 and UNKNOWN are returned. Only motions on the front end's map are compared.
     """
     pairs = [(seen.pose[:2], said.pose[:2]) for seen, said in zip(motions, odometry, strict=False) if seen.on_map]
     if sigma_travel >= UNKNOWN or not pairs:

@@ -91,14 +91,14 @@ def find_crossings(drive: TrackedRun, spacing_m: float, least_path_m: float) -> 
 def measure_psi_across(
     drive: TrackedRun, crossings: Sequence[Crossing], estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> float | None:
-    """Returns psi per point of the later passes' returns among the earlier passes' returns; None without any crossing.
+    """Returns psi per point of the later passes' returns among the earlier passes' returns; None without such returns.
 
     Args:
         drive: scans under the trajectory that is measured.
         crossings: places where psi is measured. They may be found under another trajectory, so that two trajectories are
             compared at the same places.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that scores the points; the result does not depend on it.
     """
     parts = engine.map(_score_crossing, (drive, estimator, beam), crossings)
@@ -107,13 +107,16 @@ def measure_psi_across(
 
 
 def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
-    """Renders the returns of the scans with the given numbers, in the frame of the drive's poses."""
+    """Renders the returns of the scans with the given numbers as points in the frame of the drive's trajectory."""
     returns = Returns.concatenate([drive.scans[k].returns for k in scans])
     return place_along(returns, drive.times, drive.poses, beam)
 
 
 def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
-    """Returns the total psi of a crossing's later returns among its earlier returns, and the number of the later returns."""
+    """Returns the total psi of a crossing's later returns among its earlier returns, and the number of the later returns.
+
+    `shared` holds the scans under a trajectory, the settings of the score, and the sensor's measurement errors.
+    """
     drive, estimator, beam = shared
     earlier = make_references(render_scans(drive, crossing.earlier, beam))
     later = render_scans(drive, crossing.later, beam)
@@ -159,8 +162,14 @@ def refine(
         rounds: largest number of rounds, each of which registers the scans of later passes that loops connect with earlier
             passes; with zero rounds or without loops, only psi across passes is measured.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         runner: does the work.
+
+    Returns:
+        The loops and ties of the refined trajectory, and psi across passes before and after.
+
+    Raises:
+        EstimationError: the graph cannot be optimised, or does not determine the covariances.
     """
     apart_m, engine = passes.LEAST_PATH_M, runner.engine
     drive = TrackedRun.of(scans, problem.solve_poses(loops))
@@ -195,7 +204,7 @@ def refine(
 
 
 def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
-    """Returns the crossings whose passes a loop connects, without earlier scans that no loop connects with the later pass.
+    """Returns the crossings whose passes a loop connects; earlier scans that no loop connects to the later pass are removed.
 
     Args:
         crossings: places that were passed several times.
@@ -230,7 +239,10 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 
 
 def measure_crossing(shared: _Setting, crossing: Crossing) -> list[Loop]:
-    """Registers the scans of a crossing's later pass on the earlier passes; returns a tie for each scan that fits well."""
+    """Registers the scans of a crossing's later pass on the earlier passes; returns a tie for each scan that fits well.
+
+    `shared` holds the trajectory and the settings, as the comment on `_Setting` lists them.
+    """
     drive, _, _, beam = shared
     references = make_references(render_scans(drive, crossing.earlier, beam))
     tree = cKDTree(drive.poses[crossing.earlier, :2])
@@ -244,9 +256,9 @@ def measure_crossing(shared: _Setting, crossing: Crossing) -> list[Loop]:
 
 
 def _measure_scan(shared: _Setting, references: References, anchor: int, later: int) -> Loop | None:
-    """Registers a scan among the references; returns a tie to the scan `anchor`, or None if the scan does not fit well.
+    """Registers the scan `later` among the references; returns its tie to the scan `anchor`, or None if it fits badly.
 
-    The references are returns of earlier passes, and `anchor` and `later` are the numbers of the earlier and the later scan.
+    The references are returns of earlier passes, one of whose scans is `anchor`. `shared` is as in `measure_crossing`.
     """
     drive, own, estimator, beam = shared
     guess = drive.poses[later]

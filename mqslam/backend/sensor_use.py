@@ -28,7 +28,7 @@ _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """How far a sensor moves the trajectory: the difference of the trajectories optimised with and without the sensor.
+    """The influence of a sensor: the difference between the trajectories that are optimised with and without the sensor.
 
     Args:
         moved_m: RMS distance [m] of the poses from the poses without the sensor, after alignment.
@@ -48,16 +48,15 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True)
 class SensorUse:
-    """How each sensor besides the radar is used; None for a sensor that the recording lacks.
+    """The results of the comparisons of all sensors besides the radar with the front end's motions.
 
     Args:
-        gyroscope: use of the gyroscope.
-        fixes: use of the GNSS receiver.
-        velocities: use of the velocities that the radar's chirps measure.
-        mount: where the radar sits on the vehicle; None if nothing is known about the mount.
-        odometry: why odometry is not used; None if odometry is used, or if there is no odometry.
-        contributions: how far each used sensor moves the trajectory, by the sensor's name in `Problem.sensors`; empty until
-            `weigh` fills it.
+        gyroscope: result for the gyroscope; None if the recording has none.
+        fixes: result for the GNSS receiver; None if the recording has none.
+        velocities: result for the velocities that the radar's chirps measure; None if the chirps measure none.
+        mount: pose of the radar on the vehicle; None if nothing is known about it.
+        odometry: the reason why odometry is not used; None if odometry is used, or if there is no odometry.
+        contributions: influence of each used sensor, by its name in `Problem.sensors`; empty until `weigh` fills it.
     """
 
     gyroscope: GyroscopeUse | None = None
@@ -69,10 +68,10 @@ class SensorUse:
 
     @property
     def opposite(self) -> list[str]:
-        """Names of the sensors that turn the other way than the radar; empty unless they are at least two and the majority.
+        """Names of the sensors that turn the other way than the radar, if they show that the map is mirrored; else empty.
 
-        If there are any, the map is mirrored. A gyroscope mounted on its side, which does not show which way the vehicle
-        turns, is left out.
+        They show it if they are at least two, and more than half of the sensors that measure the direction of turns. A
+        gyroscope that is mounted on its side does not measure it, and is left out.
         """
         ways = {}
         if self.odometry is not None:
@@ -103,7 +102,7 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Returns the same use with `contributions`: the trajectory is optimised once more without each sensor in turn.
+        """Returns the same use with `contributions`, for which the trajectory is optimised without each sensor in turn.
 
         Args:
             problem: the trajectory with all sensors.
@@ -167,7 +166,7 @@ def join_sensors(
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:
-    """Compares poses (N, 3) with other poses (N, 3) [m, m, rad], which are first aligned with them."""
+    """Measures how far poses (N, 3) differ from other poses (N, 3) [m, m, rad] after the others are aligned with them."""
     aligned = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
     turns = (track[-1, 2] - track[0, 2] for track in (poses, others))
     return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - aligned) ** 2, axis=1)))), float(np.subtract(*turns)))

@@ -147,9 +147,9 @@ def _sum_spans(
     """Compares both directions of time over spans of _DRIFT_SUBMAPS submaps that were tracked in both directions.
 
     Returns:
-        Variances of x, y and yaw [m^2, m^2, rad^2] at the ends of K overlapping spans: (K, 3, 3) expected from the ties,
-        with one column for each of the ties' errors in x, y and yaw; (K, 3) expected from the scans at both ends of a span;
-        and (K, 3) observed, as the squared errors of the mean of both directions.
+        Three arrays of variances of x, y and yaw [m^2, m^2, rad^2] at the ends of K overlapping spans: (K, 3, 3) as expected
+        from the ties' errors in x (first column), y and yaw; (K, 3) as expected from the errors of the two scans at the ends
+        of a span; and (K, 3) as observed: the squared errors of the mean of both directions.
     """
     poses = se2.chain(m.pose for m in measurements)
     half = [np.where(np.isfinite(m.apart), 0.5 * m.apart, 0.0) for m in measurements]
@@ -175,7 +175,7 @@ def _sum_spans(
 
 
 def _carry(covariances: NDArray[np.float64], yaws: NDArray[np.float64], to_end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the variances (N, 3, 3) of x, y, yaw at the end of a path (rows) by errors in x, y, yaw on the path (columns).
+    """Returns the variances (N, 3, 3) of x, y, yaw at a path's end (rows) that errors in x, y, yaw on it (columns) cause.
 
     Args:
         covariances: (N, 3, 3) covariances of the N errors [m, m, rad], each in its own frame.

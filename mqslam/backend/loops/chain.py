@@ -72,10 +72,11 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """The uncertainty of the layouts of two submaps: of the poses of their scans in the frames of their central scans.
+    """The uncertainty of the layouts of two submaps. A layout is the poses of a submap's scans in its central scan's frame.
 
     Args:
-        earlier, later: (3, 3) covariance of the error of each submap as a whole, in the submap's own frame [m, m, rad].
+        earlier, later: (3, 3) covariance of the error that the layout of each submap causes in the submap's registered pose,
+            in the submap's own frame [m, m, rad].
     """
 
     earlier: NDArray[np.float64]
@@ -128,14 +129,14 @@ def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> di
 
 
 PROBABILITY: Final = 0.999
-"""Probability of the chi-square quantile that a loop's difference from the trajectory, and from a neighbouring loop, must
-not exceed: one right loop in a thousand is lost."""
+"""A loop is rejected if its difference from the trajectory, or from a neighbouring loop, exceeds the chi-square quantile of
+this probability. One right loop in a thousand is lost."""
 LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
 """The largest value of `compute_chi_square` that chance explains."""
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
-    """Returns the squared Mahalanobis distance of two independent estimates of one pose, in one frame."""
+    """Returns the squared Mahalanobis distance between two independent estimates of the same relative pose."""
     off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
@@ -171,7 +172,10 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, near_m: float) -> list[
 
 
 def _find_disagreements(loops: Sequence[Loop], chain: Chain, near_m: float) -> NDArray[np.bool_]:
-    """Returns a symmetric matrix (K, K) that is True for each two of the K loops that are neighbours and disagree."""
+    """Returns a symmetric matrix (K, K) that is True for each two of the K loops that are neighbours and disagree.
+
+    The arguments are as in `keep_consistent`.
+    """
     neighbours = _find_neighbours(loops, chain.drive.travelled, near_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))

@@ -1,10 +1,10 @@
-"""Searches for loops in rounds, each around the trajectory as corrected by the loops of the rounds before.
+"""Searches for loops in rounds. Each round searches around the trajectory that the loops of earlier rounds have corrected.
 
 The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
 pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
 by their appearance. A loop is kept if the trajectory does not rule it out, if it agrees with its neighbours, and if it does
-not clearly increase psi of its two passes. Where two passes of a lidar show only the walls of a corridor, a loop joins them
-across the corridor, and free space then places them along it.
+not clearly increase psi of its two passes. Where two passes of a lidar show only the walls of a corridor, a loop states only
+their relative position across the corridor, and free space then shows their relative position along it.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ _TRIED_FACTOR = 20.0
 # of two values: psi before the loops, and psi with the passes registered on each other.
 _KEPT = 1.1
 ROUNDS = 10
-"""Largest number of rounds; it bounds the time. Each round starts from the trajectory as corrected by the loops that were
-found before, and so brings further pairs of passes within reach. The search ends earlier if a round finds no loop."""
+"""Largest number of rounds; it bounds the time. Each round starts from the trajectory that the loops found so far have
+corrected, so that it reaches more pairs of passes. The search ends earlier if a round finds no loop."""
 
 _log = logging.getLogger(__name__)
 
@@ -104,7 +104,7 @@ class Candidate(NamedTuple):
         reach_m: half width of the search around the later scan's position in the trajectory [m].
         reach_rad: half width of the search in yaw [rad].
         chain: pose of the later scan in the frame of the earlier scan, as the trajectory states it.
-        layout: uncertainty of the layouts of the submaps around both scans.
+        layout: uncertainty of the submaps around both scans, by errors of the trajectory along which they are rendered.
     """
 
     earlier: int
@@ -127,7 +127,8 @@ def find_candidates(
     Args:
         chain: the trajectory, with its uncertainty.
         tried: pairs (earlier, later) that have been tried.
-        groups: (N,) number of each scan's group, if only pairs of different groups are wanted; None takes all pairs.
+        groups: (N,) number of each scan's group, such as its session in a merge, if only pairs of scans of different groups
+            are wanted; None takes all pairs.
 
     Returns:
         The candidates, and the pairs that cannot be compared because their relative pose is too uncertain for the search.
@@ -184,7 +185,10 @@ def is_beyond_gate(relative: Relative) -> bool:
 
 
 def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
-    """Returns whether two scans, or scans up to `slack_m` away from them, may lie near enough to show the same place."""
+    """Returns whether two scans may lie near enough to show the same place, given the pose of one relative to the other.
+
+    With `slack_m`, a distance that is longer by so much [m] is near enough, too.
+    """
     apart = relative.motion[:2]
     distance = float(np.hypot(*apart))
     if distance <= _REACH_M + slack_m:
@@ -195,7 +199,7 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 
 
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Finds places that may show an earlier place which lies out of reach of the search around the trajectory.
+    """Finds places that may show an earlier place that the search around the trajectory does not reach.
 
     The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path, or farther where there
     would be more than `_NODES`. If each of these scans is certain enough relative to the first scan, the search reaches
@@ -264,7 +268,7 @@ def compare_passes(
         drive: scans under the present trajectory.
         candidates: pairs of scans that may show one place.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that registers the passes; the result does not depend on it.
         progress: called after each candidate.
     """
@@ -276,7 +280,7 @@ def compare_passes(
 
 
 def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> CandidateScore:
-    """Registers the two passes of a candidate, and decides whether they are a loop."""
+    """Registers the two passes of a candidate, and decides whether they are a loop; `shared` is as in `_place_open_loop`."""
     drive, estimator, beam = shared
     earlier, later, _, _, chain, layout = candidate
     submaps = render_passes((drive, earlier), (drive, later), beam)
@@ -297,21 +301,22 @@ def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate)
     return CandidateScore(loop, along=found.along) if is_plausible else CandidateScore(implausible=True)
 
 
-def _place_openly(
-    shared: tuple[Passes, EstimatorConfig, Beam], openly: tuple[Loop, NDArray[np.float64], Relative]
+def _place_open_loop(
+    shared: tuple[Passes, EstimatorConfig, Beam], open_loop: tuple[Loop, NDArray[np.float64], Relative]
 ) -> tuple[Loop, bool]:
-    """Places the later pass of a loop along the direction about which the loop says nothing, near the trajectory's place.
+    """Finds the position of a loop's later pass along the direction about which the loop says nothing.
 
     Args:
         shared: scans under the present trajectory, settings of the score, and the sensor's errors.
-        openly: the loop, the direction (2,), and the pose of the loop's later scan as the trajectory states it.
+        open_loop: the loop; the direction (2,), a unit vector in the frame of its earlier scan; and the pose of its later
+            scan in this frame, as the trajectory states it.
 
     Returns:
-        The loop, and whether free space shows its place along the direction. If free space shows no place, the loop has the
-        pose with the lowest psi near the trajectory's place. If the trajectory is too uncertain, or rules out this pose, the
-        loop is returned unchanged.
+        The loop with its new pose, and whether free space shows the position along the direction. If free space does not
+        show it, the pose has the lowest psi near the pose by the trajectory. If the trajectory is too uncertain, or rules
+        out this pose, the loop is returned unchanged.
     """
-    (drive, estimator, beam), (loop, along, chain) = shared, openly
+    (drive, estimator, beam), (loop, along, chain) = shared, open_loop
     reach_m = _find_reach(chain, along)
     if reach_m > LATER_SHARE * SUBMAP_M:
         return loop, False
@@ -327,12 +332,12 @@ def _place_openly(
 
 
 def _find_reach(chain: Relative, along: NDArray[np.float64]) -> float:
-    """Returns how far [m] along a direction (2,) the later pass may lie from its place in the trajectory."""
+    """Returns how far [m] along a direction (2,) the later pass may lie from its pose `chain` by the trajectory."""
     return max(_SIGMAS * float(np.sqrt(along @ chain.covariance[:2, :2] @ along)), _ALONG_M)
 
 
 def _find_beams(drive: Passes, scans: tuple[int, int], submaps: tuple[PointSet, PointSet]) -> tuple[Beams, Beams]:
-    """Returns the beams of the submaps around an earlier and a later scan."""
+    """Returns the beams of the submaps around an earlier and a later scan, given the scans' numbers and both submaps."""
     first, second = passes.find_origins(drive, *scans)
     return Beams(first, submaps[0].points), Beams(second, submaps[1].points)
 
@@ -352,7 +357,7 @@ def confirm_by_map(
         drive: scans under the trajectory before the loops.
         after: (N, 3) poses of the scans with the loops [m, m, rad].
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that scores the passes; the result does not depend on it.
     """
     better = engine.map(_improves, (drive, after, estimator, beam), loops)
@@ -360,7 +365,10 @@ def confirm_by_map(
 
 
 def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Returns whether psi of a loop's two passes is lower with all loops than without loops, or hardly higher (`_KEPT`)."""
+    """Returns whether psi of a loop's two passes is lower with all loops than without loops, or hardly higher (`_KEPT`).
+
+    `shared` holds the arguments `drive`, `after`, `estimator` and `beam` of `confirm_by_map`.
+    """
     drive, after, estimator, beam = shared
     before_psi, after_psi = score_loop((drive, [drive.poses, after], estimator, beam), loop)
     return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
@@ -393,7 +401,7 @@ class LoopCloser:
         problem: the trajectory to which loops are added.
         place: returns the scans under given poses (N, 3) [m, m, rad].
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         runner: gives the engine that compares scans, and reports progress.
         before: scans under the trajectory before any loop; None takes the trajectory of the first optimisation.
         groups: (N,) number of each scan's group, if only loops between different groups are wanted; None searches for all.
@@ -444,25 +452,25 @@ class LoopCloser:
                 break
 
     def _place_open_loops(self) -> bool:
-        """Places loops along the directions about which they say nothing, where free space shows the place.
+        """Finds the positions of loops along the directions about which they say nothing, where free space shows them.
 
         Returns:
-            Whether some of these loops were placed and others are left.
+            Whether the positions of some of these loops were found, and the positions of others were not.
         """
         unplaced = [loop for loop in self.loops if (loop.earlier, loop.later) in self._open]
         if not unplaced:
             return False
         chain, pairs = self._optimise(), [(loop.earlier, loop.later) for loop in unplaced]
-        openly = list(zip(unplaced, map(self._open.__getitem__, pairs), chain.relate(pairs), strict=True))
-        found = self._runner.engine.map(_place_openly, (chain.drive, self._estimator, self._beam), openly)
+        open_loops = list(zip(unplaced, map(self._open.__getitem__, pairs), chain.relate(pairs), strict=True))
+        found = self._runner.engine.map(_place_open_loop, (chain.drive, self._estimator, self._beam), open_loops)
         placed = [
             loop
-            for (loop, is_placed), (_, _, relative) in zip(found, openly, strict=True)
+            for (loop, is_placed), (_, _, relative) in zip(found, open_loops, strict=True)
             if is_placed and compute_chi_square(relative, as_relative(loop)) <= LARGEST_CHI_SQUARE
         ]
         placed = keep_consistent(placed, chain, passes.LEAST_PATH_M)
         del chain
-        _log.info("free space places %d of %d loops along the walls of corridors", len(placed), len(unplaced))
+        _log.info("free space shows the positions of %d of %d loops along corridors", len(placed), len(unplaced))
         if not placed:  # other poses of loops that stay open hardly change the trajectory
             return False
         for loop in placed:
@@ -536,7 +544,8 @@ class LoopCloser:
     def _compare(self, chain: Chain) -> list[Loop]:
         """Compares passes around a trajectory; returns the new loops that psi confirms and the trajectory allows.
 
-        Only implausible pairs are compared again in the next round, whose trajectory may allow them.
+        A pair that the trajectory rules out is compared again in the next round, whose trajectory may allow it. No other
+        pair is compared twice.
         """
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
@@ -549,14 +558,14 @@ class LoopCloser:
         new: list[Loop] = []
         for loop, along in ((score.loop, score.along) for score in scores):
             if loop is None or (along is not None and self._groups is not None):
-                continue  # recordings are joined only by loops that say how they lie to each other
+                continue  # recordings are joined only by loops that state their whole relative pose
             if along is not None:
                 self._open[loop.earlier, loop.later] = along
             new.append(loop)
         return new
 
     def _optimise(self) -> Chain:
-        """Returns the trajectory, optimised with the loops found so far; the first result replaces a missing `before`."""
+        """Returns the trajectory, optimised with the loops so far; its first result becomes `before` if none was given."""
         graph, optimum = self._solve(self.loops)
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
@@ -566,8 +575,8 @@ class LoopCloser:
         """Returns the graph with the given loops and its optimum.
 
         The latest optimum is kept, since the next step often needs it. If it contains loops, the next optimisation starts
-        from it. The optimum without loops is no such start: the first loops move the trajectory far, and the optimiser then
-        takes more steps from it than from the graph's starting values.
+        from it. Otherwise the graph's starting values are better: the first loops move the trajectory far, and the optimiser
+        takes fewer steps from there.
         """
         if self._latest is None or [*map(id, loops)] != [*map(id, self._latest[0])]:
             start = self._latest[2].values if self._latest is not None and self._latest[0] else None
@@ -586,14 +595,14 @@ def find_loops(
 ) -> LoopSearch:
     """Searches for the loops of a run with a `LoopCloser`.
 
-    Loops by recognition bring further places within reach of the search around the trajectory. Search and recognition
-    alternate, at most `ROUNDS` times, until no place is out of reach or recognition adds no loop.
+    Loops found by recognition correct the trajectory, so that the search around it reaches further places. Search and
+    recognition alternate, at most `ROUNDS` times, until no place is out of reach or recognition adds no loop.
 
     Args:
         scans: scans of the recording.
         problem: the trajectory to which loops are added.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         runner: gives the engine that compares scans, and reports progress.
         recognising: whether places out of reach of the search around the trajectory are recognised by their appearance.
 

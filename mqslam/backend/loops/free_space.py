@@ -1,8 +1,8 @@
-"""Places two passes of a corridor along its walls by free space: where a beam of one went, the other can have seen no wall.
+"""Finds the relative position of two passes along a corridor by free space: no wall stands where a beam of a pass went.
 
-A lidar that looks ahead sees other ends of doors and niches when it comes back through a corridor. psi then finds how the
-passes lie across the corridor, and nothing shows how they lie along it. But a niche that one pass saw to be empty cannot
-hold a wall that the other pass saw.
+A lidar that looks ahead sees other edges of doors and niches when it comes back through a corridor. psi then finds the
+relative position of the passes across the corridor, but not along it. Free space shows the position along it: where one pass
+saw an empty niche, the other pass cannot have seen a wall.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Beams(NamedTuple):
     """The beams of a submap, in the submap's frame.
 
     Args:
-        origins: (N, 2) positions of the sensor [m].
+        origins: (N, 2) positions of the sensor at the times of the returns [m].
         ends: (N, 2) positions of the returns [m], ordered by time.
     """
 
@@ -97,23 +97,23 @@ def find_way_along(
     reach: tuple[float, float],
     cluster_m: float,
 ) -> tuple[float, float] | None:
-    """Finds how far the submap of a later pass must move along a direction so that no pass blocks the beams of the other.
+    """Finds how far a later pass's submap must move along a direction so that the passes block each other's beams the least.
 
     A position costs the sum, over all returns of both submaps, of the squared depth to which a return lies in the free space
-    of the other submap. The standard deviation follows from the curvature of the cost and from the pulls of single objects,
-    as the covariance of psi does.
+    of the other submap. The standard deviation follows from the curvature of the cost and from the gradients that single
+    objects contribute, as the covariance of psi does.
 
     Args:
         earlier: beams of the earlier submap.
         later: beams of the later submap.
-        pose: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad], from which the way is counted.
+        pose: (3,) pose of the later submap's frame in the earlier submap's frame before the move [m, m, rad].
         along: (2,) the direction, a unit vector in the earlier submap's frame.
-        reach: least and largest way [m].
+        reach: least and largest distance of the move [m]; it is negative against the direction.
         cluster_m: size of an object [m]; all returns of one object have a common error.
 
     Returns:
-        The way [m] and its standard deviation [m]; None if several positions cost about the same, or if the best position
-        lies at the end of the reach.
+        The distance of the move [m] and its standard deviation [m]; None if several positions cost about the same, or if the
+        best position lies at an end of the reach.
     """
     ways = np.arange(reach[0], reach[1] + _STEP_M, _STEP_M)
     costs = _compute_costs(earlier, later, pose, ways[:, None] * along)
@@ -131,7 +131,7 @@ def find_way_along(
 def contradicts(
     earlier: Beams, later: Beams, pose: se2.Array, along: NDArray[np.float64], reach: tuple[float, float]
 ) -> bool:
-    """Returns whether free space rules out where two passes lie along a direction, and fits another place in reach better.
+    """Returns whether free space contradicts the relative position of two passes along a direction but fits another one.
 
     Passes in opposite headings see few of the same ends of walls, so these passes may match at a wrong position by chance.
     There, each pass blocks beams of the other one, whereas at the right position hardly any beam is blocked.
@@ -141,7 +141,8 @@ def contradicts(
         later: beams of the later submap.
         pose: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
         along: (2,) the direction, a unit vector in the earlier submap's frame.
-        reach: least and largest way from the pose along the direction [m] at which the later submap may lie instead.
+        reach: least and largest distance from the pose along the direction [m] at which the later submap may lie instead;
+            it is negative against the direction.
     """
     ways = np.concatenate([np.arange(*ends, _STEP_M) for ends in ((-_SAME_M, _SAME_M), reach)])
     total = _compute_costs(earlier, later, pose, ways[:, None] * along).sum(axis=1)
@@ -150,7 +151,7 @@ def contradicts(
 
 
 def _compute_costs(earlier: Beams, later: Beams, pose: se2.Array, moves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the squared depths of the returns of each of two submaps in the free space of the other one.
+    """Returns the squared depths of the returns of each of two submaps in the free space of the other submap.
 
     Args:
         earlier: beams of the earlier submap.
@@ -159,7 +160,7 @@ def _compute_costs(earlier: Beams, later: Beams, pose: se2.Array, moves: NDArray
         moves: (K, 2) moves of the later submap from this pose, in the earlier submap's frame [m].
 
     Returns:
-        (K, L + E) squared depths [m^2] of the L returns of the later submap and the E of the earlier one, after each move.
+        (K, L + E) squared depths [m^2] after each move: of the later submap's L returns, then of the earlier submap's E.
     """
     c, s = np.cos(pose[2]), np.sin(pose[2])
     turn = np.array([[c, s], [-s, c]])  # rows @ turn: from the later submap's frame to the earlier submap's frame
@@ -176,19 +177,19 @@ def place_along(
     later: Beams,
     cluster_m: float,
 ) -> Loop | None:
-    """Places the later pass of a loop along a direction about which the loop says nothing.
+    """Finds by free space the position of a loop's later pass along a direction about which the loop says nothing.
 
     Args:
         loop: the loop.
         along: (2,) the direction, a unit vector in the frame of the earlier scan.
-        reach: least and largest way from the loop's pose along the direction [m].
+        reach: least and largest distance from the loop's pose along the direction [m]; it is negative against the direction.
         earlier: beams of the earlier pass's submap.
         later: beams of the later pass's submap.
         cluster_m: size of an object [m].
 
     Returns:
-        The loop with the position that free space shows; None if several positions fit about as well, or if the best one
-        lies at the end of the reach.
+        The loop with the position that free space shows; None if several positions fit about as well, or if the best
+        position lies at an end of the reach.
     """
     found = find_way_along(earlier, later, loop.pose, along, reach, cluster_m)
     if found is None:

@@ -48,7 +48,7 @@ class Passes(Protocol):
 
     @property
     def shows_surfaces(self) -> bool:
-        """Whether returns lie anywhere on surfaces, as a lidar's do, and not at the spots that reflect best."""
+        """Whether returns lie anywhere on surfaces, as a lidar's do; a radar's lie at the spots that reflect best."""
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of the scans with the increasing numbers `chosen` (K,), in the frame of the scan `centre`."""
@@ -132,19 +132,22 @@ class TrackedRun:
         return se2.find_poses_of_returns(*self._cut(centre, chosen), times)[:, :2]
 
     def _cut(self, centre: int, chosen: NDArray[np.int64]) -> tuple[NDArray[np.float64], se2.Array]:
-        """Returns the times (K,) [s] and poses (K, 3) around the scans `chosen`, with poses in the frame of `centre`."""
+        """Returns the start times (K,) [s] and poses (K, 3) of the scans around `chosen`, in the frame of the scan `centre`.
+
+        They begin with the scan before the first chosen scan, and end with the scan after the last chosen scan.
+        """
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
         return self.times[first:last], se2.between(self.poses[centre], self.poses[first:last])
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
-    """Picks increasing indices around one index of a path, about `spacing_m` apart and at most about `reach_m` away.
+    """Picks points of a path around one of its points, about `spacing_m` apart; returns their indices, increasing.
 
     Args:
-        travelled: (N,) length of the path up to each index [m].
-        centre: the index around which indices are picked.
-        reach_m: length of path to either side [m].
-        spacing_m: path from one picked index to the next [m].
+        travelled: (N,) length of the path up to each point [m].
+        centre: index of the point around which points are picked.
+        reach_m: length of path to either side from which points are picked [m].
+        spacing_m: path from one picked point to the next [m].
     """
     marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)  # rounding must not lose the last mark
     chosen = np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
@@ -158,7 +161,7 @@ def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> Poi
         drive: scans under a trajectory.
         centre: number of the central scan. Its pose at its start is the frame.
         reach_m: length of path to either side from which scans are taken [m].
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
     """
     return drive.render(centre, pick_around(drive.travelled, centre, reach_m, SPACING_M), beam)
 
@@ -169,11 +172,11 @@ def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: 
     Args:
         earlier: the scans of the earlier pass, and the number of the central scan of its submap.
         later: the scans of the later pass, and the number of the central scan of its submap.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
 
     Returns:
         The earlier and the later submap, each in the frame of its central scan. The points of a lidar are widened along the
-        surfaces on which they lie, so that walls do not show the place along them.
+        surfaces on which they lie, so that walls do not determine the relative position along them.
     """
     submaps = []
     for (drive, centre), reach_m in zip((earlier, later), _REACHES_M, strict=True):
@@ -192,11 +195,11 @@ def find_origins(drive: Passes, earlier: int, later: int) -> tuple[NDArray[np.fl
 def widen_along_surfaces(points: PointSet) -> PointSet:
     """Widens the covariance of each point of a submap along the surface on which the point lies.
 
-    A scan's beams hit a wall at other spots in every pass, and close together where the wall is near the sensor. Points that
-    count alike in all directions pull a pass to where such dense parts of the same wall cover each other. A widened point
-    of a wall says where the wall is, and nothing about the place along the wall. That place is shown by ends of walls, doors
-    and pillars. The spread along the surface is the larger eigenvalue of the scatter of the points around a point, minus the
-    smaller eigenvalue. A point that stands alone keeps its covariance.
+    In every pass, the beams hit a wall at other spots, which are dense where the wall is near the sensor. Without widening,
+    psi would pull two passes to where the dense parts of a wall cover each other. A widened point of a wall says where the
+    wall is, but not where the pass is along the wall; ends of walls, doors and pillars show this. The spread along the
+    surface is the larger eigenvalue of the scatter of the points around a point, minus the smaller eigenvalue. A point that
+    stands alone keeps its covariance.
 
     Args:
         points: the points of the submap.
@@ -229,7 +232,7 @@ def find_passes(
     least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
-    """Finds the nearest pose of each earlier pass, for poses along a path; only poses about `spacing_m` apart take part.
+    """Finds, for poses about `spacing_m` apart on a path, the nearest pose of each earlier pass of the same place.
 
     Args:
         travelled: (N,) length of the path up to each pose [m].

@@ -59,7 +59,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
     Args:
         drive: scans under a trajectory.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that describes the places; the result does not depend on it.
     """
     places = pick_spaced(drive.travelled, PLACE_SPACING_M)
@@ -69,13 +69,14 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns the map with descriptors by the present constants; descriptors made with other constants are replaced."""
+    """Returns the map with descriptors of its places that are made with `DESCRIBED_WITH`; others are made anew."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
 
 
 def _describe(shared: tuple[Passes, Beam], place: int) -> NDArray[np.float32]:
+    """Returns the descriptor of the submap around the scan `place`; `shared` holds the scans and the sensor's errors."""
     return describe(_render(shared, place).points)
 
 
@@ -85,13 +86,14 @@ def render_places(drive: Passes, places: Sequence[int], beam: Beam, engine: Engi
     Args:
         drive: scans under a trajectory.
         places: numbers of the central scans.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that renders the submaps; the result does not depend on it.
     """
     return engine.map(_render, (drive, beam), list(places))
 
 
 def _render(shared: tuple[Passes, Beam], place: int) -> PointSet:
+    """Renders the submap around the scan `place` in this scan's frame; `shared` holds the scans and the sensor's errors."""
     drive, beam = shared
     return render_submap(drive, place, PLACE_SUBMAP_M, beam)
 
@@ -193,7 +195,7 @@ class PlaceIndex:
 
         Returns:
             Three arrays (Q, P): the largest correlation, the index in `asides` at which it is found, and the number of
-            sectors by which the submap's descriptor must then be rotated.
+            sectors by which the submap's descriptor must then be rotated to fit the descriptor of the place.
         """
         described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
         spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
@@ -329,7 +331,7 @@ def recognise(
         database: the places.
         allowed: (Q, P) whether the place of a column may be an answer to the query of a row; None allows all.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that compares the submaps; the result does not depend on it.
     """
     allowed = np.ones((len(queries), len(database.places)), dtype=np.bool_) if allowed is None else allowed
@@ -364,8 +366,8 @@ def _find_agreeing(
 
     Args:
         pairs: the pairs, in the order of their later scans.
-        drive: the later scans.
-        mapped: the earlier scans.
+        drive: the later scans, under their trajectory.
+        mapped: the earlier scans, under the trajectory of the map.
         slack: largest disagreement in position [m], to which a share of the path between the later scans is added, and in
             yaw [rad].
 
@@ -390,6 +392,10 @@ def _find_agreeing(
 def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair) -> tuple[Loop, bool] | None:
     """Registers a submap on a place by psi.
 
+    Args:
+        shared: the submap's drive, the drive of the places, settings of the score, and the sensor's errors.
+        pair: the central scan of the submap and the scan at the place, with their approximate relative pose.
+
     Returns:
         The match, and whether no other pose around the place fits about as well; None if the submap does not match, the pose
         is too uncertain, or there are too few returns.
@@ -406,10 +412,10 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses one match, the one with the lowest psi, for each submap that fits at only one pose.
+    """Chooses the match with the lowest psi for each submap that fits at only one pose.
 
     Args:
-        matches: matches, each with whether no other pose around its place fits about as well.
+        matches: pairs of a match and whether no other pose around its place fits about as well.
         mapped: the scans of the places.
         estimator: settings of the score.
 
@@ -430,7 +436,7 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Groups matches that agree, directly or through others; returns the groups of at least `ROW` matches.
+    """Groups matches that agree, directly or through other matches; returns the groups of at least `ROW` matches.
 
     The matches must be in the order of the drive, with at most one per submap.
     """

@@ -82,8 +82,8 @@ def align(
         guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
-        rival_sigmas: a pose whose psi is larger by at most this many standard deviations is larger only by chance, and
-            belongs to the `rivals`; None leaves `rivals` empty.
+        rival_sigmas: a pose whose psi is larger by at most this many standard deviations counts as one of the `rivals`;
+            None leaves `rivals` empty.
 
     Returns:
         The registration; if no minimum lies within the reach, it has the guess as pose, no matched points and infinite psi.
@@ -124,13 +124,14 @@ def _pick_rivals(
     sigmas: float,
     config: EstimatorConfig,
 ) -> se2.Array:
-    """Returns the poses (R, 3) [m, m, rad] of those other minima that fit about as well as the best minimum.
+    """Returns the poses (R, 3) [m, m, rad] of the other minima that fit about as well as the best minimum.
 
-    A minimum is picked if its psi over all points is below RIVAL times the psi of the best minimum, or if a test (Vuong,
-    1989) finds it worse by at most `sigmas` standard deviations. The test sums the differences between the points' scores
-    at the two poses by object, as in psi's covariance; if both poses fit equally well, the sum over all objects is about
-    zero, compared with its standard deviation. The test uses only points that have a reference in reach at both poses.
-    Other points, such as points beyond the end of a pass, do not show which pose is right.
+    `submaps` are the reference, and the query that is registered on it. A minimum is picked if its psi over all points is
+    below RIVAL times the psi of the best minimum, or if a test (Vuong, 1989) finds it worse by at most `sigmas` standard
+    deviations. The test sums the differences between the points' scores at the two poses by object, as in psi's covariance;
+    if both poses fit equally well, the sum over all objects is about zero, compared with its standard deviation. The test
+    uses only points that have a reference in reach at both poses. Other points, such as points beyond the end of a pass, do
+    not show which pose is right.
     """
     references, query = submaps
 
@@ -189,7 +190,10 @@ def is_unrivalled(alignment: Alignment, matched: float) -> bool:
 
 
 def find_least_shown(points: PointSet) -> NDArray[np.float64]:
-    """Returns the direction (2,), a unit vector, in which points show their place the least, by their covariances."""
+    """Returns the direction (2,), a unit vector, along which points determine the position of their submap the least.
+
+    The information of each point is the inverse of its covariance.
+    """
     xx, xy, yy = points.covariances.T
     inverses = np.column_stack([yy, -xy, xx]) / (xx * yy - xy**2)[:, None]
     along_x, mixed, along_y = inverses.sum(axis=0)
@@ -200,10 +204,10 @@ def find_least_shown(points: PointSet) -> NDArray[np.float64]:
 def measure_matched_information(
     references: References, points: PointSet, along: NDArray[np.float64], config: EstimatorConfig
 ) -> float:
-    """Returns the share of matched points in the information that all points hold about their place along a direction.
+    """Returns the share of matched points in the information of all points about their submap's position along a direction.
 
     The walls of two passes of one corridor match wherever the passes lie along the corridor. Only the few points that show
-    the place along the corridor tell whether this place is right, and these few hardly change the share of matched points.
+    the position along the corridor tell whether it is right, and these few hardly change the share of matched points.
 
     Args:
         references: fixed points.
@@ -239,9 +243,9 @@ def align_passes(
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.
         on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`). The passes then match only if,
-            along the direction that the points show least, `measure_matched_information` is at least MATCHED, too.
-        partly: whether passes on surfaces are registered even if they do not show their place along that direction, which is
-            then the registration's `along`.
+            along the direction by `find_least_shown`, `measure_matched_information` is at least MATCHED, too.
+        partly: whether passes on surfaces are registered even if they do not show their relative position along that
+            direction, which is then the registration's `along`.
 
     Returns:
         The registration; None if a submap has too few returns, if the two do not match, or if the pose is too uncertain.
@@ -272,8 +276,8 @@ def _leave_open(
 ) -> Alignment | None:
     """Returns a registration that says nothing about the position along a direction.
 
-    Along the direction, the place of the best pose is a matter of chance, and may be far from the guess. The pose with the
-    lowest psi near the guess is taken instead.
+    Along the direction, the position of the best pose is a matter of chance, and may be far from the guess. The pose with
+    the lowest psi near the guess is taken instead.
 
     Args:
         references: the reference submap in its own frame.
@@ -285,7 +289,7 @@ def _leave_open(
 
     Returns:
         The registration; None if the two submaps do not match, if the position across the direction is too uncertain, or if
-        poses that fit about as well lie elsewhere across it.
+        a pose at another position across the direction fits about as well.
     """
     pose = align_near(references, query, alignment.pose, guess, along, config)
     across = np.array([-along[1], along[0]])
@@ -339,7 +343,7 @@ def align_near(
         config: settings of the score.
 
     Returns:
-        The pose (3,); None if it lies elsewhere across the direction than `pose`.
+        The pose (3,) [m, m, rad]; None if its position across the direction is not the position of `pose`.
     """
     start = pose + np.array([*((guess - pose)[:2] @ along * along), 0.0])
     near = minimise_rigidly(start, query, references, config).state

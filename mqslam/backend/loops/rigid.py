@@ -97,7 +97,7 @@ def _descend(
         start: (3,) pose at which the search begins [m, m, rad].
         submap: points (N, 2) [m] and their covariances (N, 3) xx, xy, yy [m^2] in the submap's frame.
         around: the fixed points.
-        scales: (K, 3) widths of the score in each step, in the order of `Scale`.
+        scales: (K, 3) widths of the score in each annealing step, in the order of `Scale`.
         last: the final widths.
         kernel: the parameters of the score besides its widths.
         tolerances: (3,) a step at the final widths that is smaller than this in every component ends the search [m, m, rad].
@@ -166,7 +166,7 @@ def expand_rigidly(
 ) -> Expansion:
     """Expands the score of a submap around a pose, up to second order.
 
-    The letters mean the same as in `score.weigh_offsets`, but h is not made symmetric for each point: the sum is.
+    Variables have the names of `score.weigh_offsets`. Here the sum of the points' matrices h is made symmetric, not each h.
 
     Args:
         own: (N, 2) m, the submap's points in the submap's frame.

@@ -89,7 +89,7 @@ E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Use(Generic[E_co]):
-    """How a sensor is used after it was compared with the front end's motions.
+    """The result of the comparison of a sensor with the front end's motions, with the sensor's edges of the graph.
 
     Args:
         source: the file or topic that the readings come from.
@@ -119,7 +119,7 @@ class Motions(NamedTuple):
 
     @classmethod
     def of(cls, motions: Sequence[Measurement]) -> Motions:
-        """Converts motions to arrays."""
+        """Converts N motions to arrays of their poses, durations, variances and statuses."""
         return cls(
             np.array([motion.pose for motion in motions]).reshape(-1, 3),
             np.array([motion.t1 - motion.t0 for motion in motions]),
@@ -224,7 +224,7 @@ def make_walking_prior(
 
 
 def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
-    """Returns the derivatives (N, 3, 5) of the radar's motions by scale, delay, and the radar's offset: ahead, left, yaw.
+    """Returns the derivatives (N, 3, 5) of the radar's motions by scale error, delay, and the radar's offset x, y and yaw.
 
     Args:
         poses: (N, 3) motions of the radar by odometry [m, m, rad].
@@ -275,7 +275,7 @@ def fit(
     noise: NDArray[np.float64],
     prior: NDArray[np.float64],
 ) -> Calibration:
-    """Fits the parameters by generalised least squares.
+    """Fits the parameters by generalised least squares, which takes into account that successive motions share a scan.
 
     If the front end places a scan too far ahead, the motion to this scan is too long, and the next motion is too short by as
     much. Such errors cancel along the path, so that successive motions show the scale far better than independent motions
@@ -314,7 +314,7 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
     """Estimates the variances (3,) of the noise of one motion's x, y and yaw [m^2, m^2, rad^2], from medians.
 
     Args:
-        residuals: (N, 3) the radar's motions minus the calibrated odometry's [m, m, rad]; NaN where they are not converged.
+        residuals: (N, 3) the radar's motions minus odometry's calibrated motions [m, m, rad]; NaN where not converged.
         measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2].
         longest: number of motions in the longest span.
     """
@@ -334,14 +334,14 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns extra variances (N, 3) [m^2, m^2, rad^2] of motions: zero where noise explains the residuals.
+    """Returns the variances (N, 3) [m^2, m^2, rad^2] to add to the noise of motions: zero where noise explains residuals.
 
     Slipping wheels, for instance, cause errors larger than noise, and in one direction. If the sum of the residuals of a
     span is larger than noise explains, each motion of the span gets an equal share of the square of this sum. A motion in
     several such spans gets the largest of its shares.
 
     Args:
-        residuals: (N, 3) the radar's motions minus the calibrated odometry's [m, m, rad]; NaN where they are not converged.
+        residuals: (N, 3) the radar's motions minus odometry's calibrated motions [m, m, rad]; NaN where not converged.
         measured: (N, 3) variances of the radar's motions [m^2, m^2, rad^2].
         noise: (3,) variances of the noise of a motion [m^2, m^2, rad^2].
         longest: number of motions in the longest span.
@@ -358,7 +358,7 @@ def measure_disagreement(
 
 
 def _sum_spans(residuals: NDArray[np.float64], longest: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yields the span lengths 1, 2, 4 and so on up to `longest`, each with the sums (N - length + 1, 3) of the residuals."""
+    """Yields the span lengths 1, 2, 4, ... up to `longest`, each with the sums (N - length + 1, 3) of residuals (N, 3)."""
     sums, count = residuals, 1
     while len(sums) and count <= max(1, longest):
         yield count, sums

@@ -53,7 +53,7 @@ _LEAST: Final = 1e-12  # numerical: variance [m^2] that keeps a fit without nois
 
 
 class TravelEdges(dict[int, Measurement]):
-    """Motions without information about their yaw. Each key is the number of the scan at which the motion starts."""
+    """Motions as edges of the graph, without information about yaw; each key is the number of the scan at its start."""
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
         """Adds one factor for each motion, and no variables."""
@@ -63,7 +63,7 @@ class TravelEdges(dict[int, Measurement]):
 
 @dataclass(frozen=True, slots=True)
 class VelocityUse(Use[TravelEdges]):
-    """How the velocities that the radar's chirps measure are used; the edges are motions made from the velocities.
+    """The result of comparing the chirps' velocities with the front end's motions; the edges are motions by the velocities.
 
     Args:
         scale: travel by the front end divided by travel by the velocity; NaN if it could not be found.
@@ -83,7 +83,7 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
     scale and bias are then fitted to these few motions and the prior.
 
     Args:
-        velocities: one velocity per scan.
+        velocities: velocities of the radar as its chirps measured them, one per scan.
         motions: motions between successive scans, as the front end measured them; their yaws are used without correction.
     """
     poses, lasts, design, variances = _predict(velocities, motions)
@@ -104,14 +104,14 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
     scale, sigma = 1.0 + float(found.parameters[0]), float(np.sqrt(found.covariance[0, 0]))
     bias = (float(found.parameters[1]), float(found.parameters[2]))
     if why is not None:
-        return VelocityUse(SOURCE, (f"the velocities by chirps are not used: {why}",), None, scale, sigma, bias)
+        return VelocityUse(SOURCE, (f"the velocities from the chirps are not used: {why}",), None, scale, sigma, bias)
     span = max(1, round(_SPAN_S / float(np.median(lasts))))
     common = spread_common(found.list_sigmas(design), known, span)
     edges = _make_edges(motions, poses + found.correct(design), factor * variances + common)
-    statements = [f"the velocities by chirps are used, {len(edges)} of them"]
+    statements = [f"the velocities from the chirps are used, {len(edges)} of them"]
     if abs(scale - 1.0) > max(TOLD_SIGMAS * sigma, SCALE_TOLERANCE):
         amount = f"{abs(1.0 / scale - 1.0):.1%} too {'small' if scale > 1.0 else 'large'}"
-        statements.append(f"the velocities by chirps are {amount}, which is put right")
+        statements.append(f"the velocities from the chirps are {amount}, which is put right")
     return VelocityUse(SOURCE, tuple(statements), edges, scale, sigma, bias)
 
 
@@ -121,8 +121,8 @@ def _predict(
     """Predicts the motions from the velocities and the yaws of the front end's motions.
 
     Returns:
-        The motions (N, 3) [m, m, rad], NaN where there is no velocity; their durations (N,) [s]; their derivatives by scale
-        error and biases; and their variances (N, 3) [m^2, m^2, rad^2].
+        The motions (N, 3) [m, m, rad], NaN where there is no velocity; their durations (N,) [s]; their derivatives by the
+        scale error and by the velocity's bias forward and left; and their variances (N, 3) [m^2, m^2, rad^2].
     """
     spans = np.array([(motion.t0, motion.t1) for motion in motions])
     lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
@@ -140,7 +140,8 @@ def _predict(
 def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:
     """Returns the reason why velocities cannot be used; None if they can be used.
 
-    `residuals` (M, 2) are x and y [m] of the converged motions minus the calibrated velocities' travel.
+    `residuals` (M, 2) are x and y [m] of the converged motions minus the travel by the calibrated velocities `found`, and
+    `variances` (M, 2) [m^2] are their variances.
     """
     if len(residuals) < FEWEST_MOTIONS:
         return None
@@ -154,9 +155,10 @@ def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: N
 
 
 def _make_edges(motions: Sequence[Measurement], poses: se2.Array, variances: NDArray[np.float64]) -> TravelEdges:
-    """Makes edges of the pose graph, without information about the yaw, from motions (N, 3) by the calibrated velocities.
+    """Makes edges of the pose graph, without information about the yaw, from motions by the calibrated velocities.
 
-    A motion `poses[k]` that is NaN makes no edge. `variances` (N, 3) belong to the motions by the velocities.
+    `poses` (N, 3) [m, m, rad] are these motions; a motion that is NaN makes no edge. `variances` (N, 3) [m^2, m^2, rad^2]
+    are their variances. `motions` are the front end's motions, which give the yaws.
     """
     edges = TravelEdges()
     for k in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():

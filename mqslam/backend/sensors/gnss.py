@@ -32,7 +32,7 @@ from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk
 
-# If fewer fixes than this lie within the recording, they are not used: so few fit many trajectories.
+# If fewer fixes than this lie within the recording, they are not used: so few fixes would fit many trajectories.
 FEWEST = 10
 # Fixes are not used if half of them lie farther from the trajectory than this share of the path's length: no trajectory
 # drifts so much.
@@ -47,9 +47,9 @@ SWAPPED: Final = "they fit if their latitudes and longitudes are swapped: swap t
 
 
 def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
-    """Names the usual mistake, such as swapped coordinates, that explains why fixes do not fit; "" if there is none.
+    """Names the usual mistake, such as swapped coordinates, that explains why fixes do not fit; "" if none explains it.
 
-    A drive that is too short to show a delay of stamps fits fixes of many other times, so that no such delay is named.
+    On a drive that is too short to show a delay of the stamps, no delay is named: fixes of many other times would fit, too.
 
     Args:
         fixes: one or more fixes of the receiver.
@@ -129,7 +129,10 @@ class FixEdges:
     origin: se2.Array
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds the tangent plane's poses e0 .., with factors between poses and scans, and between successive poses."""
+        """Adds the tangent plane's poses e0, e1, ... to the graph, with factors to scans and between successive poses.
+
+        `chain` is not used: all poses of the plane start at `origin`.
+        """
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             graph.factors.push_back(gnss_position(E(j), X(k), pose, self.noise.white_m))
         for j, walk_m in enumerate(self.walks_m.tolist()):
@@ -153,7 +156,9 @@ class FixEdges:
 
 @dataclass(frozen=True, slots=True)
 class FixUse(Use[FixEdges]):
-    """How the fixes of a GNSS receiver are used. After `judge_jumps`, the first statement says whether they are used.
+    """The result of the comparison of GNSS fixes with the front end's motions.
+
+    The first statement says whether the fixes are used, but only after `refuse` or `judge_jumps` has added it.
 
     Args:
         antenna: position of the antenna as the fixes show it; None if the position is stated, or if the fixes are not used.
@@ -168,7 +173,7 @@ class FixUse(Use[FixEdges]):
     mistake: str = ""
 
     def refuse(self, why: str) -> FixUse:
-        """Returns the use of fixes that are refused, with a statement of the reason."""
+        """Returns a copy in which the fixes are not used, with a statement of the reason `why` and of the likely mistake."""
         hint = ""
         if self.stretch is not None:
             hint = (
@@ -184,7 +189,10 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Counts the jumps under optimised values of a graph; states their number, or refuses the fixes if too many jump."""
+        """Counts the jumps, given the optimum of the graph with the fixes; refuses the fixes if too many of them are jumps.
+
+        Otherwise a statement with the number of fixes and jumps is added.
+        """
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)

@@ -4,18 +4,19 @@ The delay of the receiver's clock is found from the straight-line distance that 
 distance does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes
 and turns. A drive at constant speed shows no delay, and the clock is then left as it is.
 
-Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The error of the mean
-of many fixes is therefore not much smaller than that of a few. To measure this, residuals from the trajectory
-are averaged over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the
-means fall with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift
-of the trajectory itself over these fixes is attributed to the receiver. A receiver that smooths its positions seems to walk
+Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The mean of many fixes
+therefore has an error not much smaller than the mean of a few fixes. To measure this, residuals from the trajectory are
+averaged over one, two, four and more fixes, and successive means are compared. For white noise, the differences of the means
+fall with the number of averaged fixes; for a random walk they rise (as in the Allan variance, IEEE Std 952). The drift of
+the trajectory itself over these fixes is attributed to the receiver. A receiver that smooths its positions seems to walk
 less over short times than over long times. If means over longer times differ by more than the walk that fits all times
 explains, the walk is therefore fitted to the longer times.
 
-While the vehicle turns, the antenna moves around the radar. This shows in the differences of successive fixes, compared with
-the motions between them, because slow errors hardly change from one fix to the next. The map's pose, scale and
-steady drift of heading and a delay of the receiver's clock move the fixes, too, and are estimated together with the position
-of the antenna. A late clock looks like an antenna farther behind as long as the speed stays the same.
+While the vehicle turns, the antenna moves around the radar. To find its position, the difference of each two successive
+fixes is compared with the motion between them: slow errors hardly change from one fix to the next. Four other errors change
+these differences, too: errors of the map's heading, the steady drift of the heading, the map's scale and a delay of the
+receiver's clock. They are estimated together with the position. As long as the speed stays the same, a late clock looks like
+an antenna that is farther behind.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     driven = np.hypot(*(se2.interpolate(starts, chain, ends) - chain[whole])[:, :2].T)
 
     def find_places(wanted: _Array) -> _Array:
-        """Interpolates the fixes' positions (M, 2) [m] at times (M,) [s]; NaN where fixes around a time are missing."""
+        """Interpolates the fixes' positions (M, 2) [m] at times (M,) [s]; NaN where there are no fixes around a time."""
         after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
         known = (times[after] - times[after - 1] < 0.5 * _SPAN_S) & (times[0] <= wanted) & (wanted <= times[-1])
         places = np.column_stack([np.interp(wanted, times, positions[:, axis]) for axis in range(2)])
@@ -162,7 +163,7 @@ class FixNoise(NamedTuple):
 
     Args:
         white_m: standard deviation of the error that is independent from fix to fix [m].
-        walk_m: standard deviation [m] of the change of the rest of the error in a second; it grows with the root of time.
+        walk_m: standard deviation by which the remaining error changes in a second [m]; it grows with the root of time.
     """
 
     white_m: float
@@ -202,9 +203,9 @@ def _compare_means(times: _Array, residuals: _Array) -> tuple[_Array, _Array, _A
     """Compares successive means over 1, 2, 4, 8 and more fixes; takes `times` and `residuals` of `measure_fix_noise`.
 
     Returns:
-        For half the squared difference of two successive means over each of K numbers of fixes: (K, 2) the expected value
-        for white noise of variance 1 m^2, and for a walk of 1 m^2 per second; (K,) the measured value [m^2]; and (K,) its
-        standard deviation.
+        Three arrays with a row for each of K numbers of averaged fixes. They describe half the squared difference of two
+        successive means: (K, 2) its expected values [m^2] for white noise of 1 m^2 and for a walk of 1 m^2 per second; (K,)
+        its measured value [m^2]; and (K,) the standard deviation of the measured value [m^2].
     """
     usual_s = float(np.median(np.diff(times)))
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])

@@ -77,7 +77,7 @@ class Turns(NamedTuple):
     drift: float
 
     def take(self, some: slice) -> Turns:
-        """Returns the turns that a slice selects."""
+        """Returns the turns with the indices in a slice."""
         begins, ends, yaws = self.begins[some], self.ends[some], self.yaws[some]
         return Turns(begins, ends, yaws, self.variances[some], self.known[some], self.drift)
 
@@ -170,8 +170,8 @@ def measure_rate_noise(
     Args:
         gyroscope: readings of the gyroscope.
         axis: number of the gyroscope's axis that is the radar's vertical: 0 for x, 1 for y, 2 for z.
-        residuals: (N,) the front end's turns minus the gyroscope's, corrected for scale and clock but not for the bias
-            [rad]; NaN where unknown.
+        residuals: (N,) the front end's turns minus the gyroscope's turns, which are corrected for scale and clock but not
+            for the bias [rad]; NaN where unknown.
         times: (N + 1,) starts of the scans [s].
         drift: random walk of the yaw of the front end's map [rad/sqrt(s)].
         most_walk: largest walk of the bias in a second [rad/s]; it is assumed if the recording is too short to show less.
@@ -220,7 +220,10 @@ def compute_allan_variances(
 
 
 def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
-    """Returns the density of a rate's white noise [rad/s/sqrt(Hz)] from second differences, in which motion hardly shows."""
+    """Returns the density of the white noise of a rate [rad/s/sqrt(Hz)], about axis 0 (x), 1 (y) or 2 (z) of the gyroscope.
+
+    It is measured from second differences of the readings, in which the motion of the vehicle hardly shows.
+    """
     second = np.diff(gyroscope.rates[:, axis], 2)
     if not len(second):
         return 0.0
@@ -356,7 +359,7 @@ class TurnEdges:
         return int(np.isfinite(self.turns).sum())
 
     def add_to(self, graph: PoseGraph, chain: se2.Array) -> None:
-        """Adds variables c0 .. of bias and scale error, a prior of c0, and factors between successive ones and for turns.
+        """Adds variables c0, c1, ... of bias and scale error with a prior of c0, factors between them, and one per turn.
 
         Args:
             graph: the graph of the N + 1 scans.
@@ -385,7 +388,7 @@ _LEAST_VARIANCE: Final = 1e-14  # numerical: variance of a turn [rad^2] that the
 
 @dataclass(frozen=True, slots=True)
 class GyroscopeUse(Use[TurnEdges]):
-    """How a gyroscope is used; the edges are its turns.
+    """The result of the comparison of a gyroscope with the front end's motions; the edges are the gyroscope's turns.
 
     Args:
         rotation: the calibration that converts readings to turns of the radar; None if it could not be found.
@@ -428,7 +431,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
 
 
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
-    """Returns the radar's yaw rates by a calibrated gyroscope; None if it does not agree with the front end's motions.
+    """Returns the radar's yaw rates from a calibrated gyroscope; None if it does not agree with the front end's motions.
 
     The arguments are those of `join_gyroscope`.
     """
@@ -441,7 +444,7 @@ def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurem
 
 
 def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated) -> str | None:
-    """Returns the reason why a gyroscope cannot be used; None if it can be used."""
+    """Returns the reason why a gyroscope, calibrated as `found`, cannot be used; None if it can be used."""
     rotation = found.rotation
     is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
     if not is_told or not start.is_convincing():
@@ -495,7 +498,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope as edges; the sigma of a turn that contradicts the front end is its residual."""
+    """Returns a gyroscope's turns as edges; the standard deviation of a turn that contradicts the front end is its residual."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2

@@ -6,7 +6,9 @@ odometry reports: a radar ahead of the point moves sideways in a turn, and a rad
 turn. Any drive shows the radar's yaw, since the vehicle moves along its own x axis. The point of wheel odometry is usually
 halfway between the rear wheels. If the tyres slip sideways in fast turns, the estimate of this point shifts.
 
-    travel of the radar = rotation by minus the mount's yaw (scale * travel of the vehicle + swing of the mount's position)
+    travel of the radar = R (scale * travel of the vehicle + travel of the mount's position by the turn)
+
+where R rotates from the vehicle's axes to the radar's axes.
 """
 
 from __future__ import annotations
@@ -168,7 +170,7 @@ def find_mount(
 
 
 def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:
-    """Describes odometry's estimate if it contradicts the stated mount; returns None if the two agree.
+    """Describes in words odometry's estimate if it contradicts the stated mount; returns None if the two agree.
 
     `limits` (3,) are the standard deviations [m, m, rad] below which a component of the estimate is compared.
     """
@@ -205,7 +207,7 @@ def _describe_origin(sigmas: NDArray[np.float64]) -> str:
 
 
 def _describe_pose(pose: se2.Array, sigmas: NDArray[np.float64] | None = None) -> str:
-    """Describes the known components of a pose (3,) [m, m, rad] on a vehicle in words, with any standard deviations (3,)."""
+    """Describes in words the known components of a pose (3,) [m, m, rad] on a vehicle, and any standard deviations (3,)."""
     x, y, yaw = pose
     sure = ["", "", ""]
     if sigmas is not None:

@@ -55,9 +55,9 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, whose
-            own way of turning is counted already.
-        where: words for the number of seconds in which the odometry contradicts the radar.
+        is_opposite: whether the odometry turns the other way than the radar. It is also False if the odometry was made with
+            the gyroscope, so that the two do not count as two sensors that turn the other way.
+        where: words that state in how many of the seconds with a turn the odometry contradicts the radar.
     """
 
     statement: str
@@ -68,7 +68,7 @@ class OdometryFault:
 def find_odometry_fault(
     odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig, sensor: str = RADAR
 ) -> OdometryFault | None:
-    """Finds out how odometry contradicts the turns of the front end's converged motions.
+    """Finds out whether and how odometry contradicts the turns of the front end's converged motions.
 
     Returns None if the two do not contradict each other, or if too few motions turn enough to show a contradiction.
 
@@ -90,7 +90,7 @@ def find_odometry_fault(
     contrary, turns = _count_contrary(turned, stated_turns, least)
     if turns < _FEWEST or 2 * contrary <= turns:
         return None
-    meant = "the two have little in common; it may be of another drive, have another clock, or order quaternions otherwise"
+    meant = "the two have little in common; check its drive, its clock and the order of the numbers of its quaternions"
     opposite = False
     for factor, meaning in _MEANINGS.items():
         off, seen = _count_contrary(turned, factor * stated_turns, least)
@@ -158,10 +158,10 @@ _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motio
 def hold_odometry(
     scans: Scans, context: Context, frontend: str, measured: Sequence[Measurement]
 ) -> tuple[list[Measurement], OdometryFault | None]:
-    """Returns odometry's motions between successive scans, and the reason if they are not used.
+    """Returns odometry's motions between successive scans if odometry is used, else the reason why it is not used.
 
-    If odometry is used, the reason is None. If it is not used, there are no motions. If there is no odometry, or if the
-    front end is the odometry itself, there are no motions and no reason.
+    If odometry is used, the reason is None. If it is not used, the list of motions is empty. If there is no odometry, or if
+    the front end is the odometry itself, the list is empty and the reason is None.
 
     Args:
         scans: scans of the recording.
@@ -238,9 +238,10 @@ def make_odometry_edges(
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
     """Gives odometry's motions that the front end contradicts such large covariances that they have no effect in the graph.
 
-    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's pose, unless the
-    next scan that matches the same map lies where odometry has it: the lost scans then show places that are not in the map
-    yet. A motion is also contradicted if the scan matches farther away than the usual errors of this odometry explain.
+    A motion is contradicted if the scan matches the map farther from odometry's pose than the usual errors of this odometry
+    explain. It is also contradicted if the scan holds many returns but matches the map nowhere near odometry's pose. The
+    exception are lost scans after which the next scan that matches the same map lies at odometry's pose: these lost scans
+    show places that are not in the map yet.
 
     Args:
         odometry: motions of odometry; there may be none.
@@ -289,7 +290,9 @@ def _find_confirmed(
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) of motions; their sum over a stretch is at least the square of the sum of its `sigmas`.
+    """Converts errors that are common to all motions to variances (N, 3) [m^2, m^2, rad^2] of independent errors.
+
+    Over a stretch of motions, the variances add up to at least the square of the sum of the common errors' `sigmas`.
 
     Args:
         sigmas: (N, 3) standard deviations [m, m, rad] of motions by errors that are common to all motions.
@@ -307,7 +310,7 @@ def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], spa
 def _state(
     odometry: Sequence[Measurement], corrections: NDArray[np.float64], variances: NDArray[np.float64]
 ) -> list[Measurement]:
-    """Returns the motions with corrections (N, 3) [m, m, rad] added to their poses, and with new variances (N, 3)."""
+    """Returns N motions with corrections (N, 3) [m, m, rad] of their poses, and new variances (N, 3) [m^2, m^2, rad^2]."""
     return [
         replace(motion, pose=motion.pose + correction, covariance=np.diag(variance + _LEAST_VARIANCE))
         for motion, correction, variance in zip(odometry, corrections, variances, strict=True)

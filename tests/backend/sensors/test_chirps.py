@@ -55,7 +55,7 @@ def joined(chirps: Chirps) -> VelocityUse:
 
 def test_sound_velocities_become_motions_that_say_nothing_of_the_turn() -> None:
     use = joined(Chirps())
-    assert use.statements == (f"the velocities by chirps are used, {SCANS - 1} of them",)
+    assert use.statements == (f"the velocities from the chirps are used, {SCANS - 1} of them",)
     assert use.edges is not None
     off = np.array([edge.pose for edge in use.edges.values()]) - se2.exp(twists(), np.full(SCANS, TURN_S))[:-1]
     variances = np.array([np.diag(edge.covariance) for edge in use.edges.values()])
@@ -86,7 +86,7 @@ def test_what_is_wrong_all_the_time_is_put_right(chirps: Chirps) -> None:
 def test_velocities_that_contradict_the_map_are_refused_and_said(chirps: Chirps, why: str) -> None:
     use = joined(chirps)
     assert use.edges is None and len(use.statements) == 1
-    assert use.statements[0].startswith("the velocities by chirps are not used: ") and why in use.statements[0]
+    assert use.statements[0].startswith("the velocities from the chirps are not used: ") and why in use.statements[0]
 
 
 def test_velocities_that_are_noisier_than_they_state_count_as_little_as_they_show() -> None:
