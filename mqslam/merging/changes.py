@@ -157,7 +157,7 @@ class Change:
         size_m: (2,) extent of this rectangle along x and y [m], at least the side of a cell.
         cells: number of the object's cells.
         seen: number of keyframes that show the object, in the cell where this number is largest.
-        looks: number of keyframes of the other recording that look past the object, in the cell with the largest number.
+        looks: number of keyframes of the other recording that look past the object, in the cell where it is largest.
         chance: probability that so few keyframes of the other recording show the object by chance, in the cell where this
             probability is smallest.
     """

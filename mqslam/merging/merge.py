@@ -194,13 +194,13 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
     """Makes one map of several sessions, in the frame of the first session.
 
     Args:
-        sessions: two or more.
+        sessions: two or more sessions.
         config: all settings.
         runner: does the work.
 
     Raises:
-        EstimationError: a session shares no place with the others that is recognised with certainty, links to it make the
-            map worse, or the uncertainty of a session's trajectory cannot be computed.
+        EstimationError: no place that a session shares with the others is recognised with certainty, links to the session
+            make the map worse, or the uncertainty of a session's trajectory cannot be computed.
     """
     beam = beam_of(config.estimator, sessions[0].map.keyframes.recordings[0].doppler_beta)
     with runner.time_stage("optimise"):
@@ -313,7 +313,10 @@ def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recog
 
 
 def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
-    """Raises EstimationError if the links that the map keeps do not join all sessions."""
+    """Raises EstimationError if the links that the map keeps do not join all sessions.
+
+    `groups` is the index (K,) of the session of each keyframe.
+    """
     joined = {0}
     for _ in sessions:
         for link in links:
@@ -329,7 +332,7 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
 
 
 def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.float64]:
-    """Returns the residual (L,) of each link at poses (K, 3) of the keyframes, in standard deviations."""
+    """Returns the residual (L,) of each link at poses (K, 3) [m, m, rad] of the keyframes, in standard deviations."""
     exact = (Relative(se2.between(poses[link.earlier], poses[link.later]), np.zeros((3, 3))) for link in links)
     return np.sqrt([compute_chi_square(one, as_relative(link)) for one, link in zip(exact, links, strict=True)])
 
@@ -349,7 +352,7 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
     Args:
         keyframes: keyframes of all recordings.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         engine: engine that scores the points; the result does not depend on it.
     """
     count = int(np.diff(keyframes.rows, axis=1).sum())
@@ -381,8 +384,8 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
     """Returns an offset [s] for the times of each recording, so that no two recordings overlap in time.
 
-    The times count from the start of each recording. Without offsets, psi would take returns of two recordings at like
-    times for returns of one revolution, and would not match them.
+    The times count from the start of each recording. Without offsets, psi would take returns of two recordings with similar
+    times for returns of one revolution, and would not match them. `turn_s` is the duration of a turn of the sensor [s].
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

@@ -156,7 +156,7 @@ class Relation:
     Args:
         matches: the matches that agree; empty if they are too few, or if another relative pose fits about as well.
         agreeing: number of matches that agree on the likeliest relative pose.
-        rivals: number of matches that agree on another relative pose, the likeliest of those that contradict the first.
+        rivals: number of matches that agree on the next likeliest relative pose, which contradicts the likeliest.
     """
 
     matches: list[Loop]
@@ -260,7 +260,7 @@ def introduce(
         sessions: the sessions.
         chains: each session's keyframes with its own graph at the optimum.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         runner: does the work.
 
     Raises:
@@ -282,14 +282,21 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places all sessions in the frame of the first; the one with most agreeing matches to a placed one is always next.
+    """Places all sessions in the frame of the first session, one after the other.
+
+    The next session is always the one that has the most agreeing matches with a session that is already placed.
+
+    Args:
+        sessions: the sessions.
+        chains: each session's keyframes with its own graph at the optimum.
+        recognitions: the result of recognition for each pair of sessions.
 
     Returns:
-        The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; the matches as links between
-        keyframes, which are numbered through all sessions.
+        The pose (3,) of each session's frame in the frame of the first session [m, m, rad]; and the matches that were used,
+        as links between keyframes, which are numbered through all sessions.
 
     Raises:
-        EstimationError: a session shares no place with the others that is recognised with certainty.
+        EstimationError: no place that a session shares with the others is recognised with certainty.
     """
     firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     frames: dict[int, se2.Array] = {0: np.zeros(3)}
@@ -330,7 +337,7 @@ def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) ->
 
 
 def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
-    """Returns the error that says why sessions could not be joined to the sessions with the indices `joined`."""
+    """Returns an error that explains why sessions could not be joined to the sessions with the indices `joined`."""
     apart = [n for n in range(len(sessions)) if n not in joined]
     own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
     names = ", ".join(str(sessions[n].folder) for n in apart)
