@@ -1,4 +1,4 @@
-"""Localises a recording in a map: recognises places, tracks the scans from there, and predicts the scans off the map.
+"""Localises a recording in a map: recognises places, tracks scans from there, and predicts the poses of all other scans.
 
 A row is a list of successive submaps of the recording that match successive places of the map. From a row, scans are tracked
 both forward and backward in time, so that a place that is recognised late also helps to localise the scans before it. The
@@ -39,7 +39,7 @@ from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceSta
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
-# Tracking ends after this path [m] without a scan that lies on the map. The scans beyond are looked up in the map again.
+# Tracking ends after this path [m] without a scan that lies on the map. Later scans are looked up in the map again.
 _GIVE_UP_M = 30.0
 # Path [m] between the pairs of scans from which the factors on the covariances are measured.
 _SAMPLE_M = 20.0
@@ -64,7 +64,7 @@ _LONGER: Final = "give a longer recording, or more of it"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Localised:
-    """The poses of a recording's scans in a map, and how they were found.
+    """The poses of a recording's scans in a map, with counts of the steps by which they were found.
 
     Args:
         stamps_us: (N,) start of each scan [us].
@@ -80,7 +80,7 @@ class Localised:
         scale: (3,) factors on the variances of x, y and yaw from psi's curvature, measured in this recording; the usual
             factor with fewer than `FEWEST_PAIRS` pairs.
         samples: number of pairs of scans that were compared to measure these factors.
-        conflicts: number of times that tracking reached a scan that was tracked from the other side to a conflicting pose.
+        conflicts: number of times that tracking reached a scan to which tracking from the other side gave a different pose.
     """
 
     stamps_us: NDArray[np.int64]
@@ -106,7 +106,7 @@ class Localised:
 
     @property
     def on_map(self) -> NDArray[np.bool_]:
-        """Which scans (N,) lie on the map."""
+        """Whether each scan lies on the map (N,)."""
         return np.array([status in ON_MAP for status in self.statuses], dtype=np.bool_)
 
 
@@ -119,7 +119,7 @@ class _Setting:
         motions: N - 1 motions between N successive scans.
         keyframes: keyframes of the map.
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
     """
 
     drive: TrackedRun
@@ -152,7 +152,7 @@ class _LocalisedScans:
 
     Attributes:
         poses, covariances, psi, matched, statuses: as in `Localised`.
-        tried: (N,) whether the scan was compared with the map, and the result kept (`_follow` says which are not).
+        tried: (N,) whether the scan was compared with the map, and the result was stored; `_follow` does not store all.
         on_map: (N,) whether the scan lies on the map.
     """
 
@@ -191,7 +191,7 @@ def localise(
         made: the map. If it is a lidar's, all lengths of map, scans, motions and settings are in the map's unit (see
             `KeyframeMap.scale`).
         estimator: settings of the score.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         runner: does the work, and times it.
 
     Raises:
@@ -260,8 +260,8 @@ def _look_up(
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
     """Tracks the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
 
-    The table gets no new poses if one of the scans was tried before, if the row's middle scan does not converge, or if less
-    than the share `_CONFIRMED` of the scans lies on the map.
+    The table gets no new poses if one of the scans was tried before, if the registration of the row's middle scan does not
+    converge, or if less than the share `_CONFIRMED` of the scans lies on the map.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -281,14 +281,14 @@ def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> boo
 
 
 def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> int:
-    """Tracks scans onward from both ends of a row; returns at how many ends `_follow` finds a conflicting pose."""
+    """Tracks scans onward from both ends of a row; returns the number of ends at which `_follow` returns True."""
     along = row[0].later + np.flatnonzero(table.on_map[row[0].later : row[-1].later + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(_follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
 def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
-    """Tracks scans up to `limit`, up to a scan that was tried before, or until `_GIVE_UP_M` of path lies off the map.
+    """Tracks scans up to `limit`, up to a scan that was tried before, or until `_GIVE_UP_M` of path hold no scan on the map.
 
     Scans after the last scan on the map stay marked as not tried, so that tracking from the other side can reach them.
 
@@ -300,7 +300,7 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
         limit: index of the last scan to track.
 
     Returns:
-        Whether tracking reached a scan that was tracked from the other side to a conflicting pose.
+        Whether tracking reached a scan to which tracking from the other side gave a different pose.
     """
     around = MapAround(setting.keyframes, setting.beam)
     travelled = setting.drive.travelled
@@ -404,6 +404,7 @@ def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, am
     fits = f"; {ambiguous} of the submaps fit several places about equally well" if ambiguous else ""
     remedy = _LARGER_MAP if len(made.places.keyframes) < 2 * ROW else _OTHER_MAP  # few places hardly ever form a row
     return (
-        f"not in this map: no row of places was recognised and confirmed by its scans ({looked_up} {along}, {places}{fits})",
+        f"not in this map: no {ROW} successive places of it were recognised and confirmed by the scans between them "
+        f"({looked_up} {along} were compared with {places}{fits})",
         remedy,
     )

@@ -76,7 +76,7 @@ class MapAround:
 
     Args:
         keyframes: keyframes of the map.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
         chosen: (K,) whether each keyframe may be used; None allows all.
     """
 
@@ -144,9 +144,10 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
 
 
 def is_away(moved: se2.Array, prediction: Registered) -> bool:
-    """Returns whether a pose (3,) [m, m, rad] in the frame of the prediction is too far away to be the predicted place.
+    """Returns whether a pose is too far from its prediction to be accepted.
 
-    The limits are `_ASIDE_M` and `_ASIDE_RAD`, each plus `_SIGMAS` standard deviations of the prediction.
+    `moved` (3,) is the pose in the frame of the predicted pose [m, m, rad]. The limits are `_ASIDE_M` and `_ASIDE_RAD`, each
+    plus `_SIGMAS` standard deviations of the prediction.
     """
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
