@@ -149,7 +149,7 @@ class KeyframePoints(NamedTuple):
 
 
 def render_keyframes(keyframes: Keyframes) -> KeyframePoints:
-    """Converts the points of all keyframes to the map's frame."""
+    """Returns the points of all keyframes in the map's frame, with times that do not overlap between recordings."""
     lengths = (1e-6 * (one.end_us - one.start_us) + one.revolution_s for one in keyframes.recordings)
     begins = list(accumulate(lengths, initial=0.0))[:-1]
     firsts_us = np.array([recording.start_us for recording in keyframes.recordings])

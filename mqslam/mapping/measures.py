@@ -55,7 +55,7 @@ class Measures:
 def compute_measures(
     points: NDArray[np.float64], sweeps: NDArray[np.int64], sensors: NDArray[np.float64], settings: AuditConfig
 ) -> Measures:
-    """Computes all measures of a window.
+    """Computes how crisp the map of a window is, by all measures of this module.
 
     Args:
         points: (N, 2) x, y [m], world frame.
