@@ -98,10 +98,11 @@ class CheckFinding:
     """The outcome of one check.
 
     Args:
-        name: what was checked.
+        name: name of the check.
         verdict: whether the recording agrees with the assumption under which it was read.
         text: the reason for the verdict, and what the user can do.
-        numbers: the values that the verdict rests on, by name. Names end with the unit, but `doppler_...` are [s].
+        numbers: the values that the verdict rests on, by name. A value with a unit has it at the end of its name, but values
+            whose names begin with `doppler_` are in seconds.
     """
 
     name: str
@@ -116,7 +117,7 @@ class Check:
 
     Args:
         findings: the outcome of each check.
-        notes: what a user should know about how the recording was understood.
+        notes: sentences for the user on how the recording and its odometry were read.
         read: number of polar scans that were read.
         scans: number of polar scans in the recording.
     """
@@ -158,10 +159,10 @@ def check_recording(
         recording: the recording, of which a few short stretches are read.
         odometry: odometry on the same clock, or None.
         settings: all settings.
-        beam: the sensor's errors.
-        notes: what a user should know about how the recording was understood.
-        progress: called with the numbers of polar scans that were read, and that are to be read. Both start anew
-            for the check of the ranges, which reads stretches of its own.
+        beam: the sensor's measurement errors.
+        notes: sentences for the user on how the recording and its odometry were read.
+        progress: called with the number of polar scans read so far, and the number of polar scans to read. Both numbers
+            start again for the check of the ranges, which reads other stretches.
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)
@@ -186,7 +187,7 @@ def read_spread(recording: Recording, settings: Config, progress: Callable[[int,
 
 
 def _measure_ranges(stretches: Sequence[Stretch], settings: Config, beam: Beam) -> RangeErrors | None:
-    """Tracks stretches by psi and measures the errors of the ranges on them; None if too few stretches show errors."""
+    """Tracks stretches by psi and measures the errors of the ranges on them; None if too few stretches show these errors."""
     tracked = []
     for stretch in stretches:
         tracker = Tracker(settings.tracker, settings.estimator, beam, stretch.scans.revolution_s)
@@ -202,7 +203,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
         recording: the recording.
         stretches: stretches of the recording, spread over it.
         settings: all settings.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
     """
     found = _measure_ranges(stretches, settings, beam)
     if found is not None:  # with the right Doppler shift, tracks are better and show the offset better
@@ -222,7 +223,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks the times of polar scans, and whether any is missing, repeated or unreadable; states faults of the recording.
+    """Checks the times of polar scans, and whether any is missing, repeated or unreadable; adds faults found by the reader.
 
     Args:
         recording: the recording.

@@ -37,7 +37,7 @@ _KEYFRAME_M = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """How one revolution of the radar was measured, azimuth by azimuth.
+    """Numbers, angles and times of the azimuths that were measured in one revolution of the radar.
 
     Args:
         azimuths: number of azimuths.
@@ -68,7 +68,7 @@ class Stretch:
 
     Args:
         scans: scans with the returns of the polar scans.
-        turns: how each polar scan that could be read was measured.
+        turns: azimuths of each polar scan that could be read.
         unread: the reasons why the other polar scans could not be read; their scans hold no returns.
     """
 
@@ -146,7 +146,7 @@ def choose_spans(recording: Recording, odometry: Trajectory | None, count: int |
 
 
 def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Turn:
-    """Describes how polar scan k was measured; `before` is the previous polar scan, or None if it was not read."""
+    """Describes the azimuths of polar scan k; `before` is the previous polar scan, or None if it was not read."""
     steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
     after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
@@ -193,7 +193,7 @@ class FollowedStretches:
         psi: (R,) psi per point of R scans, which are all but the first `START_SCANS - 1` of each stretch that could be
             tracked; NaN for a scan without points.
         psi_backward: (R,) psi per point of the same scans if the azimuths of all scans are in the opposite order.
-        shortage: what to tell the user if there are too few values to decide a check.
+        shortage: a sentence for the user that explains why there are too few values, if there are too few for a check.
     """
 
     steps: Steps
@@ -211,7 +211,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
         recording: the recording.
         stretches: stretches of the recording that were read.
         settings: all settings.
-        beam: the sensor's errors.
+        beam: the sensor's measurement errors.
     """
     spread = Tuning(keyframe_m=_KEYFRAME_M)
     edges: list[tuple[float, float]] = []
