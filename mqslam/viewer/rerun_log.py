@@ -145,6 +145,7 @@ def open_viewer(*files: Path) -> None:
 
 
 def _open_recording() -> Any:
+    """Returns a new `rerun.RecordingStream`; raises ViewerError if Rerun is not installed."""
     try:
         import rerun as rr
     except ImportError as error:

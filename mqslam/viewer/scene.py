@@ -94,7 +94,7 @@ def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
 def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
     """Reads the two scans (L, 2) of each loop closure in a graph: an edge between scans that do not follow each other.
 
-    The first `scans` poses of the graph are those of scans; `DataError` is raised if the graph cannot be of these scans.
+    The first `scans` poses of the graph belong to the scans; `DataError` is raised if the graph does not fit them.
     """
     edges, poses = read_edges(path)
     if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
