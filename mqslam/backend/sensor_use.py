@@ -102,7 +102,7 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Returns the same use with `contributions`, for which the trajectory is optimised without each sensor in turn.
+        """Returns a copy with `contributions`, for which the trajectory is optimised without each sensor in turn.
 
         Args:
             problem: the trajectory with all sensors.
@@ -140,7 +140,7 @@ def join_sensors(
         fault: why odometry is not used; None if odometry is used or missing.
 
     Returns:
-        The problem with the sensors that agree, and the use of all sensors.
+        The problem with the sensors that agree, and the results of the comparisons of all sensors.
     """
     turning, placing, moving, mount, motions = None, None, None, sensors.mount, problem.measurements
     mounted = find_mount(mount, odometry, motions, settings)

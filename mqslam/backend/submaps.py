@@ -48,7 +48,7 @@ class Submaps:
 
 
 def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
-    """Splits a drive into submaps.
+    """Splits the running map of a drive into submaps of about `_SUBMAP_M`, and makes the ties to and between the submaps.
 
     A motion between two scans that were not matched to the same map (`Measurement.on_map`) belongs to no submap. The graph
     connects these two scans directly.
@@ -104,7 +104,7 @@ _DRIFT_GROSS = 20.0
 
 
 def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps:
-    """Returns the submaps; the covariances of the ties between them are adapted to the drift that the run shows.
+    """Returns the submaps with ties between them whose variances are multiplied by the factors of `learn_drift`.
 
     Args:
         submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.
@@ -118,7 +118,8 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
 def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArray[np.float64]:
     """Estimates the likeliest factors (3,) on the variances in x, y and yaw of the ties between submaps.
 
-    All factors are 1 if no span of submaps was tracked in both directions of time.
+    They are fitted to the differences between tracking forward and tracking backward in time over spans of submaps. All
+    factors are 1 if no span of submaps was tracked in both directions of time.
 
     Args:
         submaps: submaps of the drive; each tie between submaps has the covariance of the first scan of its later submap.

@@ -112,8 +112,8 @@ def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> di
     """Returns the layout covariance (3, 3) [m, m, rad] of the submap around each central scan, by the number of this scan.
 
     All scans before the central scan are taken to have the first scan's error, and all scans after it the last scan's error.
-    Both errors are weighted by the shares of the submap's scans that they stand for. `reach_m` is the path [m] from the
-    central scan to either end of the submap.
+    Each of the two errors is weighted by its share of the submap's scans. `centres` are the numbers of the central scans,
+    and `reach_m` is the path [m] from a central scan to either end of its submap.
     """
     sides = []
     for centre in sorted(set(centres)):
@@ -218,7 +218,7 @@ def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def compose_relatives(a: Relative, b: Relative) -> Relative:
-    """Composes motion a with motion b, which starts at the end of a; the errors of both motions must be independent."""
+    """Returns motion a followed by motion b, which starts at the end of a; the errors of a and b must be independent."""
     motion = se2.compose(a.motion, b.motion)
     x, y, _ = a.motion - motion
     lever = se2.adjoint([x, y, 0.0])

@@ -201,9 +201,9 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Finds places that may show an earlier place that the search around the trajectory does not reach.
 
-    The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path, or farther where there
-    would be more than `_NODES`. If each of these scans is certain enough relative to the first scan, the search reaches
-    every place, and no other pairs are examined.
+    The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path, or farther apart if there
+    would otherwise be more than `_NODES` of them. If the pose of each of these scans relative to the first scan is certain
+    enough, the search reaches every place, and no other pairs are examined.
 
     Args:
         chain: the trajectory, with its uncertainty.
@@ -242,7 +242,7 @@ class CandidateScore(NamedTuple):
 
     Args:
         loop: the loop; None unless psi confirms it and the trajectory allows it.
-        ambiguous: whether the passes match at several places in reach of the search, or at one that free space contradicts.
+        ambiguous: whether the passes match at several poses in reach of the search, or at one that free space contradicts.
         implausible: whether the passes match only at a place that the trajectory rules out.
         along: (2,) unit vector, in the frame of the earlier scan, along which the loop says nothing about the position; None
             if there is no such direction.
@@ -350,7 +350,9 @@ def confirm_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """Returns the loops with which psi of their two passes is lower than without loops, or hardly higher (see `_KEPT`).
+    """Returns the loops that do not clearly increase psi of their two passes.
+
+    Psi with all loops must be lower than psi without loops, or hardly higher (see `_KEPT`).
 
     Args:
         loops: all loops in the graph.
@@ -452,7 +454,7 @@ class LoopCloser:
                 break
 
     def _place_open_loops(self) -> bool:
-        """Finds the positions of loops along the directions about which they say nothing, where free space shows them.
+        """Finds by free space the positions of loops along the directions about which these loops say nothing.
 
         Returns:
             Whether the positions of some of these loops were found, and the positions of others were not.

@@ -74,7 +74,7 @@ class MappedDrive:
 
     @classmethod
     def of(cls, keyframes: Keyframes, poses: se2.Array | None = None) -> MappedDrive:
-        """Returns the keyframes of a map under the given poses (K, 3), or under their own poses if None is given."""
+        """Makes a drive from the keyframes of a map and their poses (K, 3) [m, m, rad]; None takes the poses in the map."""
         starts = np.flatnonzero(np.diff(keyframes.origins)) + 1
         jumps = np.zeros(len(keyframes))
         jumps[starts] = np.maximum(keyframes.travelled[starts - 1], 0.0) + _FAR_M
@@ -116,7 +116,7 @@ class TrackedRun:
 
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> TrackedRun:
-        """Returns N scans under poses (N, 3) [m, m, rad]."""
+        """Makes a run from N scans and the poses (N, 3) [m, m, rad] of the sensor at their starts."""
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
         is_lidar = isinstance(scans, Scans) and scans.unit_m is not None
         return cls(scans, times, poses, se2.path_lengths(poses), is_lidar)

@@ -55,7 +55,7 @@ DESCRIBED_WITH: Final = {
 
 
 def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
-    """Describes a place every PLACE_SPACING_M along a path.
+    """Describes places that are PLACE_SPACING_M apart on a path by the returns around them.
 
     Args:
         drive: scans under a trajectory.
@@ -106,7 +106,8 @@ def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.fl
         aside_m: how far to the left of the place the rings are centred [m].
 
     Returns:
-        (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; all zeros if no return is in range.
+        The descriptor (R, S), with rings from the inside out, and sectors counter-clockwise from straight ahead; all zeros
+        if no return is in range.
     """
     roots = np.sqrt(_count(np.asarray(points, dtype=np.float64), aside_m))
     norm = float(np.linalg.norm(roots))
@@ -218,7 +219,7 @@ def _choose_likeliest(
 
     Args:
         likeness: (P,) correlation of the submap with each place.
-        asides: (P,) how far to the left of the submap's centre its descriptor fits each place best [m].
+        asides: (P,) distance [m] to the left of the submap's centre from which its descriptor fits each place best.
         yaws: (P,) yaw of the submap in the frame of each place [rad].
         apart: for each place, the indices of the places that show the same returns, with itself among them.
     """
@@ -282,7 +283,7 @@ class PlaceDatabase:
 
     @classmethod
     def of(cls, drive: Passes, table: PlaceTable) -> PlaceDatabase:
-        """Returns the database of the places that a table describes for a drive."""
+        """Makes the database of the places in a table, whose numbers of keyframes are numbers of scans of the drive."""
         return cls(drive, table.keyframes, PlaceIndex(table.descriptors))
 
     def find_same(self) -> list[NDArray[np.int64]]:

@@ -275,7 +275,7 @@ def fit(
     noise: NDArray[np.float64],
     prior: NDArray[np.float64],
 ) -> Calibration:
-    """Fits the parameters by generalised least squares, which takes into account that successive motions share a scan.
+    """Fits a calibration's parameters by generalised least squares, in which successive motions share the error of a scan.
 
     If the front end places a scan too far ahead, the motion to this scan is too long, and the next motion is too short by as
     much. Such errors cancel along the path, so that successive motions show the scale far better than independent motions
@@ -311,7 +311,9 @@ _BEYOND: Final = 3.0  # a residual of more standard deviations than this is not 
 
 
 def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
-    """Estimates the variances (3,) of the noise of one motion's x, y and yaw [m^2, m^2, rad^2], from medians.
+    """Estimates the variances (3,) of the noise of one motion's x, y and yaw [m^2, m^2, rad^2].
+
+    They follow from medians of the sums of residuals over spans of 1, 2, 4 and more motions; the largest estimate is taken.
 
     Args:
         residuals: (N, 3) the radar's motions minus odometry's calibrated motions [m, m, rad]; NaN where not converged.

@@ -141,7 +141,7 @@ class FixEdges:
             graph.initial.insert(E(j), gtsam.Pose2(*self.origin))
 
     def find_place(self, values: gtsam.Values) -> Georeference:
-        """Returns where an optimised map lies on the Earth, by the mean pose of the tangent plane in the map."""
+        """Returns the pose of a map on the Earth, by the mean of the tangent plane's poses in the optimised `values`."""
         poses = poses_of(values, len(self.walks_m) + 1, E)
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 

@@ -86,7 +86,7 @@ class Start(NamedTuple):
     """The starting point of the calibration of a gyroscope.
 
     Args:
-        turning: angle turned about the gyroscope's axis that is taken as the radar's vertical.
+        turning: integral of the gyroscope's rate about the axis that is taken as the radar's vertical.
         axis: name of this axis: `x`, `y` or `z`.
         delay_s: how late the gyroscope's clock is [s].
         correlation: correlation of the gyroscope's turns with the front end's turns; positive if both turn the same way.
@@ -165,7 +165,7 @@ def measure_rate_noise(
     drift: float,
     most_walk: float,
 ) -> RateNoise:
-    """Measures the noise of a gyroscope's yaw rate.
+    """Measures the white noise of a gyroscope's yaw rate, and the random walk of its bias, from Allan variances.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -286,7 +286,7 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns) -> Calibrated:
-    """Calibrates a gyroscope by the front end's turns.
+    """Estimates the scale, delay, bias and noise of a gyroscope from the front end's turns.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -498,7 +498,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns a gyroscope's turns as edges; the standard deviation of a turn that contradicts the front end is its residual."""
+    """Returns a gyroscope's turns as edges; if a turn contradicts the front end, its standard deviation is its residual."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2

@@ -51,7 +51,7 @@ _OR_MIRROR: Final = {RADAR: ", or set sensor.clockwise: false if the radar is mi
 
 @dataclass(frozen=True, slots=True)
 class OdometryFault:
-    """Why odometry is not used.
+    """The reason why odometry is not used.
 
     Args:
         statement: sentence for the user.
@@ -90,7 +90,7 @@ def find_odometry_fault(
     contrary, turns = _count_contrary(turned, stated_turns, least)
     if turns < _FEWEST or 2 * contrary <= turns:
         return None
-    meant = "the two have little in common; check its drive, its clock and the order of the numbers of its quaternions"
+    meant = "the two have little in common; it may be of another drive or another clock, or order quaternions differently"
     opposite = False
     for factor, meaning in _MEANINGS.items():
         off, seen = _count_contrary(turned, factor * stated_turns, least)
@@ -236,12 +236,12 @@ def make_odometry_edges(
 
 
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
-    """Gives odometry's motions that the front end contradicts such large covariances that they have no effect in the graph.
+    """Returns odometry's motions; a contradicted motion gets so large a covariance that it has no effect in the graph.
 
-    A motion is contradicted if the scan matches the map farther from odometry's pose than the usual errors of this odometry
-    explain. It is also contradicted if the scan holds many returns but matches the map nowhere near odometry's pose. The
-    exception are lost scans after which the next scan that matches the same map lies at odometry's pose: these lost scans
-    show places that are not in the map yet.
+    The front end contradicts a motion if the scan at its end matches the map farther from odometry's pose than the usual
+    errors of this odometry explain. It also contradicts a motion if this scan is lost although it holds many returns: it
+    then matches the map nowhere near odometry's pose. But if the next scan that matches the same map confirms odometry, the
+    lost scans show places that are not in the map yet, and their motions are not contradicted.
 
     Args:
         odometry: motions of odometry; there may be none.
