@@ -53,7 +53,7 @@ class Views(NamedTuple):
 
 
 def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
-    """Makes the views of some keyframes.
+    """Finds the nearest return in each sector around some keyframes.
 
     Args:
         keyframes: keyframes of a map.

@@ -292,7 +292,10 @@ def _measure_move(session: Session, chain: Chain) -> float:
 
 
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
-    """Returns a warning for each session whose graph file lacks data, such as GNSS fixes, that determined its poses."""
+    """Returns a warning for each session whose poses move by more than `_MOVED_M` when its graph is optimised alone.
+
+    The graph's file then lacks data, such as GNSS fixes, that determined these poses in the session's run.
+    """
     return [
         f"{session.folder}: with only the edges in its graph.g2o, its poses move by up to "
         f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or GNSS that its run used is not in this file, "
