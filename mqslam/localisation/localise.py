@@ -100,7 +100,7 @@ class Localised:
         return len(self.stamps_us)
 
     def scale_lengths(self, factor: float) -> Localised:
-        """Returns the poses and covariances with all lengths multiplied by a factor."""
+        """Returns the result with all lengths of its poses and covariances multiplied by a factor."""
         covariances = units.scale_covariance(self.covariances, factor)
         return replace(self, poses=units.scale_pose(self.poses, factor), covariances=covariances)
 
@@ -152,7 +152,7 @@ class _LocalisedScans:
 
     Attributes:
         poses, covariances, psi, matched, statuses: as in `Localised`.
-        tried: (N,) whether the scan was compared with the map, and the result was stored; `_follow` does not store all.
+        tried: (N,) whether the scan was compared with the map, and the result was stored (see `_follow`).
         on_map: (N,) whether the scan lies on the map.
     """
 
@@ -388,7 +388,10 @@ def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.
 
 
 def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
-    """Returns two texts: why a recording was not found in a map, with what was tried, and what the user can do."""
+    """Returns two texts: why a recording was not found in a map, with what was tried, and what the user can do.
+
+    `looked_up` and `ambiguous` are the numbers of submaps in `Localised`.
+    """
     unit_m = made.keyframes.unit_m or 1.0
     path_m = float(drive.travelled[-1]) * unit_m
     if looked_up < ROW:
