@@ -1,7 +1,7 @@
 """Renders the map of a run: places each return by the sensor's pose at the return's time, and scores all points by psi.
 
-Psi of a map is the sum of the shares of its points. To save memory, points are scored in strips: parallel bands of the map
-along y. A strip consists of columns, which are `estimator.s` wide.
+Each point has a share of psi; psi of a map is the sum of these shares. To save memory, points are scored in strips: parallel
+bands of the map along y. A strip consists of columns, which are `estimator.s` wide.
 """
 
 from __future__ import annotations
