@@ -43,8 +43,8 @@ def make_keyframes(
     Args:
         scans: scans of the recording.
         poses: (N, 3) pose of the sensor at the start of each scan: x, y [m], yaw [rad], in the frame of the first pose.
-        covariances: (N, 3, 3) covariance of each pose in x, y, yaw [m, rad], in the pose's own frame. None if they are not
-            known; the covariances of the keyframes are then NaN.
+        covariances: (N, 3, 3) covariance of each pose in x, y, yaw [m, m, rad], in the pose's own frame. None if they are
+            not known; the covariances of the keyframes are then NaN.
         recording: description of the recording that holds the scans.
         beam: measurement errors of the sensor.
     """
@@ -136,8 +136,8 @@ class KeyframePoints(NamedTuple):
 
     Args:
         points: (N, 2) x, y [m], in the order of the keyframes, and within a keyframe in the order of time.
-        times: (N,) time of each point [s]. It counts from the start of the first recording, and as if each further recording
-            began one turn of the sensor after the end of the previous recording.
+        times: (N,) time of each point [s] since the start of the first recording; each further recording counts as if it
+            had begun one turn of the sensor after the end of the previous recording.
         intensities: (N,) received power, 0..255.
         starts: (K,) start of each keyframe's scan [s], counted like `times`.
     """

@@ -64,7 +64,7 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
 
 
 def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
-    """Returns the grid with its free cells marked: a beam of a lidar's scans passes through them, and they are not occupied.
+    """Returns the grid with its free cells marked: cells that are not occupied and that a beam of a lidar passes through.
 
     Args:
         grid: grid with the occupied cells.
