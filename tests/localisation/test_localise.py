@@ -83,7 +83,7 @@ def test_the_remedy_is_a_larger_map_where_the_map_has_few_places() -> None:
     made = street_map(MAPPED_S)
     few = replace(made.places, keyframes=made.places.keyframes[:3], descriptors=made.places.descriptors[:3])
     other = street_pass(2, MAPPED_S, town=5)
-    with pytest.raises(NotInMapError, match=r", 3 places.*give a map with more places, made from a longer recording"):
+    with pytest.raises(NotInMapError, match=r" with 3 places.*give a map with more places, made from a longer recording"):
         localise(other.scans, other.motions, replace(made, places=few), CONFIG.estimator, BEAM, Runner())
 
 
