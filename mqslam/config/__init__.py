@@ -27,7 +27,7 @@ class Section(BaseModel):
 
 
 class ReadingConfig(Section):
-    """Settings for reading recordings that do not state these values themselves."""
+    """Settings for reading a recording, used where the recording does not state these values itself."""
 
     lidar_fov_deg: float | None = Field(
         None,
@@ -172,7 +172,7 @@ class EstimatorConfig(Section):
     blur_m: float = Field(
         0.15,
         ge=0.0,
-        description="Standard deviation, in any direction, of the scatter of one object's returns between views [m].",
+        description="Standard deviation [m], in any direction, by which returns of one object scatter from view to view.",
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
@@ -360,7 +360,7 @@ class VerdictConfig(Section):
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which the tests with p-values together call a good map bad.",
+        description="Probability that the tests that give p-values, taken together, call a good map bad.",
     )
     tolerance_m: float | None = Field(
         None,
@@ -402,7 +402,7 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
     Args:
         source: a `Config`, which is returned as it is; a dict of sections with changes of the default settings; the path of
             a YAML file; the name of a shipped configuration, such as `oxford`; or None, which takes the default settings.
-        default: returns the default settings; None stands for the defaults of `Config()`.
+        default: makes the default settings; None stands for `Config`.
 
     Raises:
         ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
@@ -417,7 +417,7 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
 
 
 def read_tree(source: Path | str) -> dict[str, Any]:
-    """Reads a file of settings as a tree, without checking that this version of mqslam knows the settings.
+    """Reads a file of settings as a dict of sections, without checking that this version of mqslam knows the settings.
 
     Args:
         source: path of a YAML file, or name of a shipped configuration.
@@ -467,12 +467,12 @@ def list_shipped() -> list[str]:
 
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """Returns the settings with the Doppler shift [s] that a command used, as commands write them to config.yaml."""
+    """Returns the settings with `sensor.doppler_beta` [s] set to the value that a command used, for its config.yaml."""
     return set_values(config, "sensor", doppler_beta=doppler_beta)
 
 
 def set_values(config: Config, section: str, **changed: float | str | Path | None) -> Config:
-    """Returns the settings with some values of a section replaced; the new values are not checked."""
+    """Returns the settings with some values of a section replaced, given by name; the new values are not checked."""
     return config.model_copy(update={section: getattr(config, section).model_copy(update=changed)})
 
 
@@ -501,7 +501,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
     Args:
         config: the settings.
-        everything: whether settings that only an expert would touch are listed even at their defaults.
+        everything: True lists all settings; False leaves out those for experts that have their default values.
     """
     lines = []
     for name, section in config:
@@ -523,7 +523,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
 
 def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ, each as (section.name, JSON value before, JSON value after)."""
+    """Returns the settings that differ between two configurations, each as (section.name, JSON value before, after)."""
     differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")

@@ -1,4 +1,4 @@
-"""Reads settings from YAML: the text becomes a tree of dicts and lists, and every mistake an error of one line."""
+"""Reads settings from YAML as a tree of dicts and lists; each mistake in the text becomes an error message of one line."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _FORMER: Final = "most settings of former versions are constants now, since nobo
 
 
 def parse_tree(name: str | Path, text: str | bytes, form: str = _FORM) -> dict[str, Any]:
-    """Returns the tree of settings in a YAML text, which may hold settings of other versions.
+    """Returns the settings in a YAML text as a tree of dicts; the settings may be those of another version of mqslam.
 
     Args:
         name: name of the file, for errors.
         text: content of the file; bytes are UTF-8.
-        form: what the text must hold, for errors.
+        form: the expected content of the text, in words, for errors.
 
     Raises:
         ConfigError: the text is not YAML, or its outermost value is not a mapping.
@@ -44,10 +44,10 @@ def parse_tree(name: str | Path, text: str | bytes, form: str = _FORM) -> dict[s
 
 
 def check_tree(model: type[M], name: str | Path, tree: dict[str, Any]) -> M:
-    """Returns the settings in a tree, such as `parse_tree` returns.
+    """Checks a tree of settings, such as `parse_tree` returns, and converts it to an object of the class `model`.
 
     Raises:
-        ConfigError: a setting is unknown or out of range; the error begins with `name`.
+        ConfigError: a setting is unknown or out of range; the error begins with `name`, the name of the file.
     """
     try:
         return model.model_validate(tree)
@@ -56,7 +56,7 @@ def check_tree(model: type[M], name: str | Path, tree: dict[str, Any]) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Describes faults in one line: unknown settings, with a suggestion if there is only one, or else the first fault."""
+    """Describes an error of pydantic in one line: the unknown settings, or the first fault if no setting is unknown."""
     faults = error.errors()
     unknown = [".".join(map(str, fault["loc"])) for fault in faults if fault["type"] == "extra_forbidden"]
     if len(unknown) > 1:
@@ -80,7 +80,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _find_inside(model: type[BaseModel], name: str) -> list[str]:
-    """Returns the settings, as section.name, whose name is the given one, or else resembles it the most."""
+    """Searches all sections for the setting with the given name or the most similar one; returns matches as section.name."""
     sections: dict[str, Any] = {key: field.annotation for key, field in model.model_fields.items()}
     inside = {key: list(kind.model_fields) for key, kind in sections.items() if hasattr(kind, "model_fields")}
     near = find_near(name, sorted({setting for names in inside.values() for setting in names}))
@@ -88,7 +88,7 @@ def _find_inside(model: type[BaseModel], name: str) -> list[str]:
 
 
 def _list_settings(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Returns the names in the section at a path: names of sections from the top down, and indices in lists."""
+    """Returns the names of the settings in a section; `path` leads to it by names of sections and indices of lists."""
     node: Any = model
     for step in path:
         node = get_args(node)[0] if isinstance(step, int) else node.model_fields[step].annotation
