@@ -1,1 +1,1 @@
-"""Execution of the work, and storage of its results: engines, checkpoints, interrupts, and files that are written whole."""
+"""Runs the work of commands and stores the results: engines, checkpoints, interrupts, and complete files or none."""

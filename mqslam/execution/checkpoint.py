@@ -1,8 +1,8 @@
 """The checkpoint of a run: the results so far are kept on disk, so that a run that dies can be resumed.
 
-A checkpoint keeps the returns of every finished group of successive polar scans, and the measurements, the ties along the
-path, the loops and the refinement once each of these is complete. All else is computed again. Since all stages are
-deterministic, a resumed run has the same result to the byte.
+A checkpoint keeps the returns of every finished group of successive polar scans. It keeps the measured motions, the relative
+poses measured between scans near one another along the path, the loops and the refinement, each once it is complete. All
+else is computed again. Since all stages are deterministic, a resumed run has the same result to the byte.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ R = TypeVar("R")
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
 ) -> str:
-    """Returns a hash of what a run's result depends on; only a run of the same hash resumes a checkpoint.
+    """Returns a hash of all inputs and settings of a run; a checkpoint is resumed only by a run with the same hash.
 
     The polar scans are not read: the path, the stamps, the length of a range bin and the range offset stand for them.
     """
@@ -72,7 +72,7 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
         out: the run's result folder.
         key: hash of the run, by `hash_run`.
         resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
-        how: how to resume, for the error's message.
+        how: advice on how to resume the run, for the error's message.
 
     Raises:
         OutputError: `resume` is set, but the checkpoint belongs to a run of other data or settings.
@@ -103,7 +103,7 @@ class Checkpoint:
 
     Args:
         out: the run's result folder; the checkpoint lies in it while the run goes on.
-        key: hash of what the run's result depends on.
+        key: hash of the run, by `hash_run`.
         resume: whether to use the checkpoint that an earlier run has left in `out`; otherwise it is removed.
 
     Raises:
@@ -137,7 +137,7 @@ class Checkpoint:
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the kept result of a kind; None if there is none, or if the file of the result is damaged."""
+        """Returns the result of the kind `kept` from the checkpoint; None if its file is missing or damaged."""
         try:
             with (
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,
@@ -148,7 +148,7 @@ class Checkpoint:
             return None
 
     def keep(self, kept: Kept[R], result: R) -> None:
-        """Writes the result of a kind to the checkpoint.
+        """Writes a result of the kind `kept` to the checkpoint.
 
         Raises:
             OutputError: the file cannot be written.

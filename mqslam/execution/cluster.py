@@ -44,7 +44,7 @@ _LOGGERS = ("distributed", "distributed.client", "tornado")  # names of Dask's o
 def connect(address: str) -> Iterator[Engine]:
     """Connects to a cluster and yields its workers as an engine.
 
-    Workers on this machine are processes without a network port, not workers of Dask. Whoever can reach a scheduler of
+    The workers of `local:N` are processes without a network port, not workers of Dask. Whoever can reach a scheduler of
     Dask can run programs as the scheduler's owner, and all users of this machine could reach a scheduler that runs here.
 
     Args:
@@ -119,7 +119,7 @@ class DaskEngine:
 
     @property
     def jobs(self) -> int:
-        """Number of processes that each function called by `map_apart` may use: one, since a worker may not start any."""
+        """Number of processes that each function called by `map_apart` may use: one, as workers cannot start processes."""
         return 1
 
     def map(
@@ -129,14 +129,14 @@ class DaskEngine:
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does."""
+        """Returns function(shared, item) for each item, computed on the workers, as `Engine.map` describes it."""
         size = choose_group_size(len(items), self._count_workers())
         groups = [items[begin : begin + size] for begin in range(0, len(items), size)]
         return self._collect(function, shared, groups, done, may_die=False)
 
     @contextmanager
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R]]:
-        """Starts a call on a worker, as `Engine.start` does."""
+        """Starts function(shared, item) on a worker, as `Engine.start` describes it."""
         (future,) = self._send(function, shared, [[item]])
 
         def wait() -> R:
@@ -163,7 +163,7 @@ class DaskEngine:
         done: Callable[[int, R | None], None] = ignore_result,
         started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does, with as many calls at a time as there are workers."""
+        """Returns the same as `map`, but None where the call killed its workers, as `Engine.map_apart` describes it."""
         topic = f"mqslam-{uuid4()}"
         self._client.subscribe_topic(topic, lambda event: started(event[1]))  # an event is (time, number of the item)
         try:
@@ -182,10 +182,10 @@ class DaskEngine:
         *,
         may_die: bool,
     ) -> list[Any]:
-        """Calls the function for each item and returns the results; a task calls it for each item of a group.
+        """Returns function(shared, item) for all items of all groups, in order; each group is computed by one task.
 
-        Tasks are sent again if all workers with `shared` die. If `may_die` is set, each group holds a single item, and the
-        result of a task that has killed its workers is None.
+        Tasks are sent again if all workers that hold `shared` die. If `may_die` is set, each group holds a single item, and
+        the result of a task that has killed its workers is None. `done` is called as `Engine.map` describes it.
 
         Raises:
             ClusterError: the cluster is lost, or a task has killed its workers and `may_die` is not set.
@@ -232,10 +232,12 @@ class DaskEngine:
         return futures
 
     def _wait_for(self, future: Future) -> tuple[list[Any], Exception | None]:
-        """Waits for a task, and returns what `_call_each` has returned there.
+        """Waits for a task, and returns its result: the return value of `_call_each`.
 
         Raises:
             ClusterError: no worker is left that could do the task, or the connection to the scheduler is lost.
+            FutureCancelledError: all workers that held the task's arguments are lost.
+            KilledWorker: the task has killed its workers.
         """
         unmanned = 0
         while unmanned < 2:
@@ -270,7 +272,7 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Returns the error for a lost cluster; None or a timeout as `error` means that no workers are left."""
+        """Returns the error for a lost cluster; `error` shows the loss, and is None or a timeout if no workers are left."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
@@ -285,9 +287,9 @@ def choose_group_size(items: int, workers: int) -> int:
 
 
 def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
-    """Returns function(shared, item) for the items before the first that fails, and the error; None if no item fails.
+    """Returns (1) function(shared, item) for each item before the first that fails; (2) its error, None if no item fails.
 
-    Since the error is returned, a future raises no errors but those of the cluster.
+    The error is returned, not raised, so that all errors that a future raises come from the cluster.
     """
     results: list[R] = []
     try:
@@ -300,7 +302,7 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
 
 
 def _announce_and_call(topic: str, function: Callable[[S, T], R], shared: S, numbered: tuple[int, T]) -> R:
-    """Tells the client, by an event of Dask's, the number of the item whose call starts on this worker; then calls."""
+    """Sends the client the item's number as an event of Dask, and then returns function(shared, item); runs on a worker."""
     number, item = numbered
     get_worker().log_event(topic, number)
     return function(shared, item)

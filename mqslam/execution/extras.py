@@ -1,4 +1,4 @@
-"""The versions of installed libraries, and the commands that install libraries which mqslam needs only sometimes."""
+"""Lists the versions of installed libraries, and names the commands that install optional libraries."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def describe_missing(library: str) -> tuple[str, str]:
 
 
 def _name_command(extra: str) -> str:
-    """Returns a command that installs an extra of mqslam, from the clone, wheel or repository that mqslam came from.
+    """Returns a command that installs an extra of mqslam from the same clone, wheel or repository as mqslam itself.
 
-    The installer writes this source to `direct_url.json` (PEP 610). Without this file, mqslam came from a package index.
+    The installer wrote this source to `direct_url.json` (PEP 610). Without this file, mqslam came from a package index.
     The index of this machine may not have mqslam, so the command then asks for a clone.
     """
     pip = f"{shlex.quote(sys.executable)} -m pip install"

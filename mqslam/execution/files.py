@@ -1,4 +1,4 @@
-"""Result files: each is written under a temporary name and then renamed, so that it is either whole or absent."""
+"""Writes result files: each is written under a temporary name and then renamed, so that it is complete or absent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an OSError of the block into an error that says that `path` cannot be `done`, such as "made" or "written".
+    """Turns an OSError of the block into an error that `path` cannot be made or written, as `done` says; advises `remedy`.
 
     Raises:
         OutputError: the block raised an OSError.
@@ -78,13 +78,13 @@ def _read_umask() -> int:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all, with escapes for control characters."""
+    """Writes a UTF-8 text file, completely or not at all, with control characters as escapes."""
     with write_aside(path) as aside:
         aside.write_text(show_lines(text), encoding="utf-8")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes a JSON file, whole or not at all; see `to_json`."""
+    """Writes content as a JSON file (see `to_json`), completely or not at all."""
     write_text(path, to_json(content) + "\n")
 
 
@@ -107,6 +107,6 @@ def to_json_values(value: Any) -> Any:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a binary file, whole or not at all."""
+    """Writes bytes as a file, completely or not at all."""
     with write_aside(path) as aside:
         aside.write_bytes(content)

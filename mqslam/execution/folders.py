@@ -1,4 +1,4 @@
-"""Result folders: each is claimed first, written under a temporary name and then renamed, so it is either whole or absent.
+"""Writes result folders: each is locked, written under a temporary name and then renamed, so it is complete or absent.
 
 While a command works, no other command writes the folder. Files that other programs put into it meanwhile are kept:
 mqslam only ever removes files with names that it writes itself.
@@ -81,7 +81,7 @@ def claim_folder(out: Path, *, force: bool = False, resume: bool = False, source
 
 @contextmanager
 def write_folder_aside(out: Path) -> Iterator[Path]:
-    """Yields a folder beside `out` that takes the place of `out` when the block ends without an error.
+    """Yields a temporary folder beside `out`, which replaces `out` when the block ends without an error.
 
     Files that mqslam has written into `out` are then removed, and all other files in `out` are moved to the new folder.
 
@@ -113,7 +113,7 @@ def write_folder_aside(out: Path) -> Iterator[Path]:
 
 
 def _put(aside: Path, out: Path, claim: _Claim) -> None:
-    """Moves a finished folder to its place, and carries over the files of the old folder that mqslam did not write."""
+    """Renames the finished folder `aside` to `out`, and keeps those files of the old `out` that mqslam did not write."""
     if out.exists():
         replaced = _name_beside(out, _REPLACED)
         claim.lock.note(f"{_REPLACED} {replaced.name}")
@@ -146,14 +146,14 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left, and that notes of the lock name after a given word."""
+    """Lists the folders that killed commands have left beside `out`; notes in the lock name them, after the given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
 
 
 def _name_beside(out: Path, word: str) -> Path:
-    """Returns a free path beside a folder; the path's name ends in the given word, or in a number after the word."""
+    """Returns the path `.<name>.<word>` beside a folder, with a number at the end if such a path exists already."""
     path, number = out.with_name(f".{out.name}.{word}"), 0
     while os.path.lexists(path):
         number += 1
@@ -162,20 +162,20 @@ def _name_beside(out: Path, word: str) -> Path:
 
 
 def find_unfinished(folder: Path) -> Path | None:
-    """Finds the place of a result that is not finished.
+    """Finds the path that an unfinished result will have when it is complete.
 
     Args:
-        folder: a folder that may be the hidden one in which a command writes its result until it is whole.
+        folder: any folder, perhaps a hidden one in which a command writes its result until the result is complete.
 
     Returns:
-        The folder that the result becomes when it is whole; None if `folder` is no such hidden folder.
+        The path of the complete result; None if `folder` is no such hidden folder.
     """
     match = re.fullmatch(rf"\.(.+)\.{_UNFINISHED}(\.\d+)?", folder.resolve().name)
     return folder.resolve().with_name(match[1]) if match else None
 
 
 def _check_place(out: Path, sources: Sequence[Path]) -> None:
-    """Checks that a result folder can be made at the path `out` from recordings or results, its `sources`.
+    """Checks that a result folder can be made at the path `out`; it is made from recordings or results at `sources`.
 
     Raises:
         OutputError: the folder cannot be made there, holds a source, or lies in a source.
@@ -249,7 +249,7 @@ def list_entries(folder: Path) -> list[PurePosixPath]:
 
 
 def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
-    """Returns those entries of a folder whose names mqslam writes; results of `compare` also have a folder per row."""
+    """Returns those entries of a folder whose names mqslam writes; a result of `compare` also has a folder per row."""
     names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
     return [entry for entry in entries if any(_matches(entry, name) for name in names)]
 
@@ -287,5 +287,5 @@ def carry_over(folder: Path, out: Path) -> None:
 
 
 def _matches(entry: PurePosixPath, name: str) -> bool:
-    """Returns whether an entry matches a name in which `*` stands for any part of the name of one file or folder."""
+    """Returns whether a path matches a pattern in which `*` stands for any part of the name of one file or folder."""
     return len(entry.parts) == name.count("/") + 1 and entry.match(name)

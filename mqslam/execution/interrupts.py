@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C, SIGTERM and SIGHUP: workers end, files stay whole, and one line says that the command was stopped."""
+"""Handles Ctrl-C, SIGTERM and SIGHUP: workers end, no file is left incomplete, and one line tells the user of the stop."""
 
 from __future__ import annotations
 

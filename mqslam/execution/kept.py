@@ -40,7 +40,7 @@ class Kept(Generic[R]):
 
 
 def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
-    """Returns the kind of result that holds the returns and velocities of the polar scans begin <= k < end."""
+    """Returns the kind of result for the returns and the velocities found in the polar scans begin <= k < end."""
     return Kept(f"returns-{begin:06d}-{end:06d}.npz", _pack_detected, _unpack_detected)
 
 
@@ -69,14 +69,14 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 
 
 def _pack_measured(measured: Measured) -> Arrays:
-    """Converts measurements to arrays, one per field of `Measurement`, and the Doppler shift."""
+    """Converts all measured motions and the Doppler shift to arrays, one per field of `Measurement` and two more."""
     doppler: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
     statuses = np.array([_STATUSES.index(motion.status) for motion in measured.measurements], dtype=np.uint8)
     return doppler | _stack(Measurement, measured.measurements) | {"status": statuses}
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
-    """Restores measurements from the arrays of `_pack_measured`."""
+    """Restores the measured motions and the Doppler shift from the arrays of `_pack_measured`."""
     statuses = np.array(_STATUSES, dtype=object)[arrays["status"]]
     motions = _split(Measurement, arrays | {"status": statuses})
     return Measured(motions, *(float(arrays[name]) for name in _DOPPLER))
@@ -94,7 +94,7 @@ def _unpack_loops(arrays: Arrays) -> LoopSearch:
 
 
 def _pack_refined(refined: Refined) -> Arrays:
-    """Converts a refinement to arrays: the loops followed by the ties, the number of loops, psi, and `refused`."""
+    """Converts a refinement to arrays: loops followed by ties, the number of loops, three values of psi, and `refused`."""
     psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
     own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
     return own | _stack(Loop, [*refined.loops, *refined.ties])

@@ -14,13 +14,13 @@ _CODE = Path(__file__).parents[1]
 
 
 def choose_cache() -> None:
-    """Sets a folder for compiled kernels if numba would find none; child processes of this process use the same folder."""
+    """Sets a folder for compiled kernels if numba could write to none; child processes of this process use it, too."""
     if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, *_list_user_caches()))):
         os.environ["NUMBA_CACHE_DIR"] = str(_make_folder())
 
 
 def _list_user_caches() -> list[Path]:
-    """Returns a list of the folder that numba uses as the user's cache; empty for a user without a home folder."""
+    """Returns the folder that numba uses as the user's cache, in a list, which is empty for a user without a home folder."""
     named = os.environ.get("XDG_CACHE_HOME")
     if named:
         return [Path(named)]

@@ -81,7 +81,7 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does.
+        """Returns function(shared, item) for each item, computed by the processes, as `Engine.map` describes it.
 
         This process does all items itself if `jobs` is 1, or if there are at most four items and no worker runs yet.
         """
@@ -92,7 +92,7 @@ class LocalEngine:
 
     @contextmanager
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R] | None]:
-        """Starts a call in one of the processes, as `Engine.start` does; yields None if `jobs` is 1."""
+        """Starts function(shared, item) in a process, as `Engine.start` describes it; yields None if `jobs` is 1."""
         if self._jobs == 1:
             yield None
             return
@@ -101,7 +101,7 @@ class LocalEngine:
             yield future.result
 
     def _submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
-        """Hands calls to the processes, which are started if there are none or if a process has died since the last call."""
+        """Hands function(shared, item) for each item to the processes; starts them first if none run or if one has died."""
         if self._workers is None:
             self._workers = WorkerProcesses(self._jobs)
         try:
@@ -113,7 +113,11 @@ class LocalEngine:
 
     @contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """Ends the processes after an error of the block, so that they work on no further items."""
+        """Ends the processes after an error of the block, so that they work on no further items.
+
+        Raises:
+            WorkerError: a process died in the block.
+        """
         try:
             yield
         except BaseException as error:
@@ -130,7 +134,7 @@ class LocalEngine:
         done: Callable[[int, R | None], None] = ignore_result,
         started: Callable[[int], None] = ignore_start,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does, each time in a new process."""
+        """Returns the same as `map`, but None for a crashed call; each call has a new process (see `Engine.map_apart`)."""
 
         def call(number: int) -> R | None:
             started(number)
@@ -170,7 +174,7 @@ def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
 
 
 def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
-    """Returns function(shared, item); a signal that stops this process also ends the processes that the function started."""
+    """Returns function(shared, item); a signal that stops this process also ends the processes that the call started."""
     with raise_interrupts():
         return function(shared, item)
 
@@ -179,7 +183,7 @@ class WorkerProcesses:
     """Processes that call functions. They start at the first call, within a second or two, and end with this object.
 
     A large array is written to a file once and mapped into memory by every process, so that all processes share one copy.
-    Arrays that calls share must therefore never change.
+    Arrays in the arguments of calls must therefore never change.
 
     Args:
         count: number of processes.
@@ -300,7 +304,7 @@ def _map_into_memory(path: Path) -> mmap.mmap:
 
 
 def end_with_parent(folder: Path | None = None) -> None:
-    """Ends this process when its parent ends, even if the parent is killed, and then removes `folder`, if given."""
+    """Makes this process end when its parent ends, even if the parent is killed, and remove `folder` then, if given."""
     parent = parent_process()
 
     def end() -> None:

@@ -1,4 +1,4 @@
-"""The type of functions to which a stage reports its progress, and two such functions."""
+"""The type of the functions to which stages report their progress, and functions that report it or ignore it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ Progress = Callable[[str, int, int], object]  # name of a stage, number of steps
 
 
 def count_items(progress: Progress, stage: str, total: int) -> Callable[[int, object], None]:
-    """Returns a `done` for `Engine.map` that reports each finished item as progress of a stage of `total` items."""
+    """Returns a function, for `done` of `Engine.map`, that reports each finished item as one of `total` steps of a stage."""
 
     def report(number: int, result: object) -> None:
         progress(stage, number, total)
@@ -17,4 +17,4 @@ def count_items(progress: Progress, stage: str, total: int) -> Callable[[int, ob
 
 
 def ignore_progress(stage: str, done: int, total: int) -> None:
-    """Does nothing with the progress: the default of stages whose progress nobody follows."""
+    """Ignores the progress of a stage; the default where nobody follows the progress."""

@@ -1,4 +1,4 @@
-"""The runner: times the stages of a run, keeps and finds their results, reports their progress and tolerates failures."""
+"""The runner: times the stages of a run, stores and finds their results, reports progress and tolerates failures."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class Runner:
 
     Args:
         engine: calls the functions of the stages; no result depends on the choice of the engine.
-        progress: called with the stage, the number of its steps that are done, and the number of all its steps.
+        progress: called with the name of a stage, the number of its steps that are done, and the number of all its steps.
         checkpoint: keeps and finds the results of stages; None keeps nothing.
         watch: called for every scan as soon as its motion is measured, with the scan, its pose (3,) [m, m, rad] and its
             points (N, 2) [m], both in the first scan's frame.
 
     Attributes:
         runtime_s: seconds that each stage has taken so far, by the name of the stage.
-        warnings: sentences on what has failed so far, and why.
+        warnings: one sentence for each failure so far, with its cause.
         crashes: error messages of results that could not be made, by the name of the result.
     """
 
@@ -73,20 +73,20 @@ class Runner:
         _log.info("%s took %.2f s", stage, spent)
 
     def tolerate(self, what: str) -> AbstractContextManager[None]:
-        """Turns an error of the block into one of the warnings, as `mqslam.errors.tolerate` does."""
+        """Turns an error of the block, which makes the result `what`, into a warning, as `mqslam.errors.tolerate` does."""
         return tolerate(what, self.warnings, self.crashes)
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the result of a stage if an earlier run has kept it, else None."""
+        """Returns a stage's result of the kind `kept` if the checkpoint holds it, else None."""
         return self._checkpoint.find(kept) if self._checkpoint else None
 
     def keep(self, kept: Kept[R], result: R) -> None:
-        """Keeps the result of a stage, if there is a checkpoint."""
+        """Stores a stage's result of the kind `kept` in the checkpoint, if there is one."""
         if self._checkpoint:
             self._checkpoint.keep(kept, result)
 
     def make_once(self, kept: Kept[R], make: Callable[[], R]) -> R:
-        """Returns the result of a stage if an earlier run has kept it, else makes and keeps it now."""
+        """Returns a stage's result of the kind `kept` if the checkpoint holds it, else makes it and stores it there."""
         result = self.find(kept)
         if result is None:
             result = make()
@@ -116,7 +116,7 @@ class Runner:
         accept: Callable[[R], bool],
         steps: Callable[[T], int],
     ) -> Iterator[R]:
-        """Yields function(shared, item) for each item, in order; results that were not kept before are made and kept now.
+        """Yields function(shared, item) for each item, in order; results that the checkpoint lacks are made and stored.
 
         Results are made in batches, so that the results of a long recording are never all in memory.
 
@@ -125,8 +125,8 @@ class Runner:
             function: the function to call.
             shared: the function's first argument.
             items: the function's second arguments, one per call.
-            kept: returns the `Kept` that says how the result for an item is kept.
-            accept: returns whether a kept result is good enough to be used again.
+            kept: returns the kind of result that an item has in the checkpoint: its file, and how it is converted.
+            accept: returns whether a result from the checkpoint is good enough to be used.
             steps: returns the number of steps that an item counts for in the progress.
         """
         total, reached = sum(map(steps, items)), 0

@@ -1,4 +1,4 @@
-"""Calls functions that read untrusted files in separate processes of bounded memory and time, so that only these crash."""
+"""Reads untrusted files in separate processes of bounded memory and time, so that a bad file crashes only such a process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ONE_THREAD: Final = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_TH
 
 
 class ProcessFailed(Exception):
-    """Raised if a process did not finish; the text says what went wrong, as far as it is known."""
+    """Raised if a separate process died, took too long or raised an error; the message states the cause."""
 
 
 def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:
@@ -27,8 +27,8 @@ def call_apart(function: Callable[[list[str]], bytes], words: list[str], content
     Args:
         function: the function; it takes the words, may read stdin, and must not print.
         words: the function's argument, which travels on the command line of the process.
-        content: what the function can read from stdin.
-        most_bytes: largest memory that the process may take.
+        content: bytes that the function can read from stdin.
+        most_bytes: largest memory that the process may take [bytes].
 
     Raises:
         ProcessFailed: the process died, took too long, or raised an error.

@@ -37,7 +37,7 @@ def bound_rosbags() -> None:
 
 
 def _unpack_with(module: str, name: str) -> Callable[[bytes], bytes]:
-    """Returns a function that unpacks data up to a bound, with the class `name` of a module."""
+    """Returns a function that unpacks data, as `_unpack` does, by the decompressor class `name` of a module."""
     return partial(_unpack, getattr(importlib.import_module(module), name))
 
 
@@ -48,7 +48,7 @@ class _BoundedZstd:
         self._zstd = zstd
 
     def decompress(self, packed: bytes) -> bytes:
-        """Unpacks a chunk or a message; raises ValueError beyond the bound."""
+        """Unpacks a chunk or a message; raises ValueError if it unpacks to more than is allowed."""
         return _unpack(self._zstd.ZstdDecompressor, packed)
 
     def open(self, file: Any, mode: str) -> Any:
@@ -59,7 +59,7 @@ class _BoundedZstd:
 
 
 class _BoundedFile:
-    """A file that is unpacked while it is read, up to a bound."""
+    """A packed file that is unpacked while it is read, to at most `most_bytes` bytes in all."""
 
     def __init__(self, file: Any, most_bytes: int) -> None:
         self._file, self._left, self._most = file, most_bytes, most_bytes
@@ -71,7 +71,7 @@ class _BoundedFile:
         self._file.close()
 
     def read(self, size: int = -1) -> bytes:
-        """Reads the next bytes, at most `size`, or all if `size` is negative; raises ValueError beyond the bound."""
+        """Reads `size` bytes or fewer, all if it is negative; raises ValueError if the file unpacks to too many bytes."""
         content: bytes = self._file.read(min(size, self._left + 1) if size >= 0 else self._left + 1)
         self._left -= len(content)
         if self._left < 0:
@@ -104,7 +104,7 @@ def _refuse(most_bytes: int) -> ValueError:
 
 
 def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
-    """Parses quality-of-service profiles; returns [] for YAML that is damaged, too long, or repeats parts by references."""
+    """Parses quality-of-service profiles; returns [] for YAML that is damaged, too long, or holds references (`&`, `*`)."""
     is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
     try:
         return parse(profiles) if is_short else []
@@ -113,7 +113,7 @@ def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[A
 
 
 def _bound_database(apsw: Any, database: Any) -> None:
-    """Keeps a database from making large rows that are not in its file: forbids views, and bounds the length of a row."""
+    """Forbids views in a database and bounds the length of a row, so that no query returns far more than the file holds."""
     database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, bound_unpacked(0) + Path(database.filename).stat().st_size)
 

@@ -96,7 +96,7 @@ def lock_output(out: Path) -> Iterator[Lock]:
 
 
 def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
-    """Opens the file of a lock for an output, and locks it; `opened` closes the file in the end."""
+    """Opens and locks the lock file at `path` of the output `out`; the file is closed when `opened` is."""
     for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:

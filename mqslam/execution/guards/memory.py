@@ -1,4 +1,4 @@
-"""Memory of processes: its peak so far, an upper bound for it, and the return of freed memory to the system."""
+"""Measures the peak memory of processes, limits the memory of a process, and returns freed memory to the system."""
 
 from __future__ import annotations
 
