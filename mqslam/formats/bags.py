@@ -112,7 +112,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
 
     Raises:
-        DataError: the path cannot be read as a bag. Any error in the block becomes one too, unless it is an MqslamError.
+        DataError: the path cannot be read as a bag, or the block raises any error that is no MqslamError.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -151,7 +151,7 @@ def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
 
 
 def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
-    """Returns the message that was recorded on a connection as the bytes `raw`.
+    """Converts the bytes `raw`, recorded on a connection, to the message that they hold.
 
     Raises:
         ValueError: the message's bytes do not fit its type.
@@ -174,8 +174,8 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
         path: path of the bag.
         topic: name of the topic.
         there: the connections to choose from.
-        what: what the topic should hold, for the error, such as `polar scans`.
-        kind: what messages of the right type hold, for the error, such as `images`.
+        what: content that the topic should have, for the error, such as `polar scans`.
+        kind: content of the messages on topics that fit, for the error, such as `images`.
 
     Raises:
         DataError: none of the connections has that topic; the error lists their topics, twelve at most.
@@ -183,13 +183,13 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
     by_topic = {connection.topic: connection for connection in reversed(list(there))}
     if topic not in by_topic:
         listed = ", ".join(sorted(by_topic)[:12])
-        remedy = f"name one of its topics with {kind}: {listed}" if listed else f"name no topic: it has none with {kind}"
+        remedy = f"name one of its topics with {kind}: {listed}" if listed else f"name no topic: none has {kind}"
         raise DataError(path, f"has no {what} on {topic}", remedy)
     return by_topic[topic]
 
 
 def is_truth(topic: str) -> bool:
-    """Returns whether the name of a topic says ground truth: it contains "truth", or "gt" with no letter beside it."""
+    """Returns whether a topic is named like ground truth: its name contains "truth", or "gt" with no letter beside it."""
     return bool(_TRUTH_NAME.search(topic.lower()))
 
 
@@ -217,7 +217,7 @@ class Clock:
     unstamped: dict[str, int] = field(default_factory=dict)
 
     def stamp(self, topic: str, message: Any, logged_ns: int) -> int:
-        """Returns the stamp [us] of a message and counts it; logged_ns [ns] is the time at which it was recorded."""
+        """Returns the stamp [us] of a message, and counts the message; `logged_ns` [ns] is the time of its recording."""
         stamp = stamp_of(message)
         self.read[topic] = self.read.get(topic, 0) + 1
         if not stamp:
@@ -261,7 +261,7 @@ class PoseLog:
         self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
 
     def trajectory(self, topic: str | None) -> Trajectory | None:
-        """Returns the valid poses on a topic by increasing stamp, of those with equal stamps the last one that was added.
+        """Returns the valid poses on a topic by increasing stamp; of poses with equal stamps, only the last added one.
 
         The result is None if the topic is None, or if its valid poses have fewer than two different stamps.
         """
@@ -272,7 +272,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a list with a note if `trajectory` gives None for a topic with poses or drops invalid ones, else []."""
+        """Returns a list with a note if `trajectory` leaves out some or all poses of a topic for a fault, else []."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]
@@ -287,7 +287,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns a note that `count` invalid poses or transforms, which the text `which` names, are left out; [] if 0 are."""
+    """Returns a list with the note that `count` invalid poses or transforms, named by `which`, are left out; [] for 0."""
     return [f"{which} {is_or_are(count)} left out: {_INVALID}"] if count else []
 
 
@@ -346,7 +346,7 @@ class Bag:
         return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
     def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
-        """Makes a `tf2_msgs/TFMessage` of the pose (3,) x, y [m], yaw [rad] of the second of two frames in the first."""
+        """Makes a `tf2_msgs/TFMessage` of the pose (3,) x, y [m], yaw [rad] of the second of `frames` in the first."""
         x, y, yaw = pose.tolist()
         move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
         parent, child = frames
@@ -390,7 +390,7 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
 
 @contextlib.contextmanager
 def _start_bag(path: Path, kind: str, out: Path) -> Iterator[Bag]:
-    """Yields a new bag at a path where nothing exists yet, and closes the bag when the block ends; errors name `out`."""
+    """Opens a new bag at a path where nothing exists yet, and closes it when the block ends; errors name `out`."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2

@@ -81,7 +81,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud from a file's fields, or raises a DataError; keeps points with z in `z_range` [m], all if it is None."""
+    """Makes a cloud of the fields of a file, or raises a DataError; only points with z in `z_range` [m] are kept."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")
@@ -214,13 +214,13 @@ def _load_las(path: Path) -> Columns:
 
 
 def _name_missing(path: Path, library: str) -> DataError:
-    """Returns the error that the library that reads clouds of a format, `pcd` or `las`, is not installed."""
+    """Returns the error that the library for clouds of a format, named by `library` (`pcd` or `las`), is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
 
 
 def _load_npz(path: Path) -> Columns:
-    """Loads the arrays of an `.npz` that a cloud needs, and returns them by name; others map to (), for errors to list."""
+    """Loads the arrays of an `.npz` that a cloud needs, by name; all other names map to (), so that errors can list them."""
     with npz.open_npz(path, _WANTED) as archive:
         names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]

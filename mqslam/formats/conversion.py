@@ -1,4 +1,4 @@
-"""Converts a recording into any of the layouts that can be written."""
+"""Converts a recording into a file or folder of another layout, and tells the user which data are lost."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
         progress: called with (number of polar scans written, number of all polar scans).
 
     Returns:
-        Notes for the user: which parts the layout does not hold, and how to read the result.
+        Notes for the user on the parts that the layout does not hold, and on the settings to read the result with.
 
     Raises:
         DataError: a polar scan cannot be read, or the layout cannot hold the recording.
@@ -117,12 +117,12 @@ def _drop_single(track: Trajectory | None) -> Trajectory | None:
 
 
 def _list_losses(recording: Recording, target: Target, read: Counter[str]) -> list[str]:
-    """Returns notes on the parts of a recording that a layout does not hold, and on how to read the result.
+    """Returns notes on the parts of a recording that a layout does not hold, and on the settings to read the result with.
 
     Args:
         recording: the recording.
         target: the layout.
-        read: counts over all polar scans: of azimuths that were not measured (`unmeasured`), and of down-chirps (`down`).
+        read: number of azimuths that were not measured (`unmeasured`) and of down-chirps (`down`) in all polar scans.
     """
     notes = [_DOWN_LEFT] if read["down"] and not target.chirps else []
     if recording.odometry is not None and not target.odometry:

@@ -146,7 +146,7 @@ def _is_of_localisation(summary: Path) -> bool:
 
 
 def holds_covariances(path: Path) -> bool:
-    """Returns whether a path is a file `.tum` or `.txt` whose first pose has the length of TUM with a covariance."""
+    """Returns whether a path is a `.tum` or `.txt` file whose first line has as many numbers as a pose with a covariance."""
     return path.suffix in (".tum", ".txt") and path.is_file() and _is_wide(read_lines(path, _REMEDY))
 
 
@@ -157,7 +157,7 @@ def _is_wide(lines: Sequence[str]) -> bool:
 
 
 def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
-    """Returns the covariances that follow the poses in the lines of a TUM file, or raises a DataError."""
+    """Returns the covariances that follow the poses in the lines of a TUM file; raises a DataError if a line has none."""
     covariances = []
     for number, line in enumerate(lines, 1):
         words = line.split("#", 1)[0].split()
@@ -190,8 +190,8 @@ def _read_bag(path: Path) -> StampedCovariances:
     """Returns the covariances of a bag's one topic of PoseWithCovarianceStamped or, if there is none, of Odometry.
 
     Raises:
-        DataError: the bag cannot be read, has neither, has two or more topics of the type that would be read, or states
-            terms that do not form a covariance.
+        DataError: the bag cannot be read, has no such topic or two or more of one type, or states terms that do not form a
+            covariance.
     """
     with bags.open_bag(path) as reader:
         for kind in (bags.POSE_WITH_COVARIANCE_TYPE, bags.ODOMETRY_TYPE):
@@ -213,7 +213,7 @@ def _read_bag(path: Path) -> StampedCovariances:
 
 
 def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
-    """Parses a line of a CSV to the stamp [us] and the covariance (3, 3); a DataError names the line by its number."""
+    """Parses a line of a CSV as a stamp [us] and a covariance (3, 3); `number` names the line in the DataError."""
     words = line.split(",")
     try:
         stamp, terms = int(words[0]), np.array([float(word) for word in words[1:]])
@@ -230,7 +230,7 @@ def _check(path: Path, place: str, covariance: NDArray[np.float64]) -> NDArray[n
     """Checks that a symmetric matrix (3, 3) is a covariance, up to rounding, and returns it.
 
     Raises:
-        DataError: the matrix is no covariance; the error names its place in the file.
+        DataError: the matrix is no covariance; `place` names it in the error, such as `line 3`.
     """
     if not np.all(covariance.diagonal() > 0.0):
         raise DataError(path, f"{place} has a variance that is not positive", _REMEDY)

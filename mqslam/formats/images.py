@@ -69,7 +69,7 @@ def decode_grey(source: Path | bytes, formats: tuple[str, ...]) -> NDArray[np.ui
 
 
 def describe_excess(height: int, width: int) -> str:
-    """Describes an image (height, width) that is too large for a polar scan; returns "" for any other size.
+    """Returns the problem, for an error, with an image that is too large for a polar scan; "" for any other size [pixels].
 
     It is too large if it has over 16 million pixels, or a side of over 65,535 pixels.
     """
@@ -110,14 +110,14 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
     Args:
         names: names of the images, at least one, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
-        place: "first" or "last": whether the names begin at the start or the end of the recording, for the fault.
+        place: "first" if the names begin at the start of the recording, "last" if they begin at its end; for the fault.
 
     Returns:
-        What `read` returned for the image, the number of images before it that could not be read, and a list that holds a
-        fault for the user if there are such images.
+        The result of `read` for the image, the number of images before it that could not be read, and a list with a fault
+        for the user if there are such images.
 
     Raises:
-        DataError: not one of the first half of the images could be read.
+        DataError: none of the first half of the images could be read.
     """
     errors: list[DataError] = []
     for name in names:

@@ -23,7 +23,7 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
 
     Args:
         path: the file.
-        remedy: what errors tell the user to do.
+        remedy: advice to the user in the errors.
 
     Raises:
         DataError: the file is no archive, or would unpack to many times its size.

@@ -92,7 +92,7 @@ def read_clock(path: Path) -> MapClock | None:
 
 @untrusted.reads_file
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Reads vertex properties, each (N,), of a run's PLY, and returns them by name.
+    """Reads the named properties of the N vertices of a run's PLY, and returns each (N,) by its name.
 
     Raises:
         DataError: the file cannot be read, or lacks one of the properties.

@@ -25,7 +25,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` names it in errors, such as `line 3`.
+    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is its place in the file, such as `line 3`.
 
     Raises:
         DataError: the quaternion is zero.
@@ -37,12 +37,12 @@ def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
 
 
 def round_yaw(yaw: float) -> float:
-    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that writing it as a rotation with 12 digits loses nothing."""
+    """Rounds a yaw [rad] to nine decimals in (-pi, pi): its sine and cosine with 12 digits then give the same yaw again."""
     return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
 
 
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Marks (...,) the positions or poses (..., D) [m or rad] whose D numbers are all finite and at most 1e9 in size."""
+    """Returns a mask (...,) of the positions or poses (..., D) [m, rad] whose D numbers are all finite and at most 1e9."""
     return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # NaN compares as false
 
 

@@ -78,7 +78,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 
 def _find_moved(summary: Path) -> str:
-    """Returns the frame, the radar's or the vehicle's, whose poses a run has written, as the run's summary states it."""
+    """Returns the name of the frame whose poses a run has written, by its summary: the radar's frame or the vehicle's."""
     with untrusted.blame_file(summary):
         stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions state no frame and have the radar's poses

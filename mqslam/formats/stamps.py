@@ -36,7 +36,7 @@ def time_unit(name: str) -> str | None:
 
 
 def guess_unit(largest: float) -> str:
-    """Guesses the unit of stamps from their largest or a usual magnitude: ns above 1e17, us above 1e14, ms above 1e11, or s.
+    """Guesses the unit of stamps from a large or usual one of them: ns above 1e17, us above 1e14, ms above 1e11, else s.
 
     Stamps since 1970 lie at 1e9 s, 1e12 ms, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """
@@ -99,11 +99,11 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
 
 
 def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArray[np.bool_]:
-    """Marks the values (N,) of the longest increasing subsequence, so that stray values are left out.
+    """Returns a mask (N,) of the longest increasing subsequence of values, which leaves out stray values.
 
     Args:
         values: the values (N,), in any unit.
-        strictly: whether each value must be larger than the value before; if False, both may be equal.
+        strictly: whether each value of the subsequence must be larger than the value before; if False, both may be equal.
     """
     find = bisect_left if strictly else bisect_right
     tails: list[float] = []

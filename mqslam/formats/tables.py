@@ -68,7 +68,7 @@ class Header:
             return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
-        """Returns the indices, from 0, of the columns with exactly these names; `remedy` is the advice of the error.
+        """Returns the indices, from 0, of the columns with exactly these names; the error advises `remedy`.
 
         Raises:
             DataError: a column is missing.
@@ -131,7 +131,7 @@ class Header:
         return stamps, list(columns), np.array(factors)
 
     def refuse(self, missing: Sequence[str], remedy: str) -> DataError:
-        """Returns the error that columns are missing; its text lists the columns that exist, at most 20."""
+        """Returns the error that columns are missing; it lists the columns that exist, at most 20, and advises `remedy`."""
         return DataError(
             self.path, f"has no column {', '.join(missing)} (columns: {', '.join(self.names[:_LISTED])})", remedy
         )
@@ -143,10 +143,10 @@ def split_header(line: str) -> tuple[str, ...]:
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Returns (index from 0, unit) of the columns of stamps: none, the first, or one of seconds and one of nanoseconds.
+    """Finds the columns of stamps by their names; returns the index, from 0, and the unit of each.
 
-    A unit is one of `UNITS`, or "" if the name states none. There are two columns only if the header names both seconds and
-    nanoseconds.
+    A unit is one of `UNITS`, or "" if the name states none. If the header names both seconds and nanoseconds, the result is
+    the first column of each; else it is the first column of stamps, or empty if there is none.
     """
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
@@ -166,7 +166,7 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
 def parse_numbers(
     path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], what: str = "row"
 ) -> NDArray[np.float64]:
-    """Parses some columns of N rows of words as numbers (N, len(columns)); `what` is the word for a row in errors.
+    """Parses columns, given by index from 0, of N rows of words as numbers (N, len(columns)); errors call a row `what`.
 
     Raises:
         DataError: a word is not a finite number.
@@ -196,7 +196,7 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "", remedy: str = 
 
 
 def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Reads stamps (N,) [us], and the cells (N, len(columns)) of columns by index, of a CSV with or without a header.
+    """Reads the stamps (N,) [us] and the columns with given indices (N, len(columns)) of a CSV with or without a header.
 
     The first column holds whole stamps in us or ns, which a float would round. Rows are returned in the order of their
     stamps; of several rows with the same stamp, only the first is kept.
@@ -213,13 +213,13 @@ def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64],
 def read_converted(
     header: Header, rows: Sequence[Sequence[str]], wanted: Wanted, remedy: str, unit: str = "", what: str = "row"
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Returns the stamps (N,) [us] and the wanted columns (N, len(wanted)) of rows of words, each in the first of its units.
+    """Returns the stamps (N,) [us] and the wanted columns (N, len(wanted)) of rows, each in the first unit that it may have.
 
     Args:
         header: the names of the columns.
-        rows: (N,) the rows.
+        rows: the N rows, each as its words.
         wanted: the columns besides the stamps.
-        remedy: what to give in place of the file, for errors.
+        remedy: advice of the errors on a file to give instead.
         unit: unit of stamps whose column states none; "" guesses it from their size.
         what: the word for a row in errors, such as `pose`.
 
@@ -330,12 +330,12 @@ def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
-    """Reads a sensor's stamps and its wanted columns, each in the first of its units; stamps without a unit count as us.
+    """Reads a sensor's stamps and its wanted columns, each in the first unit that it may have; the stamps' default is us.
 
     Args:
         header: the first line of the table.
         wanted: the columns besides the stamps.
-        remedy: what to give in place of the file, for errors.
+        remedy: advice of the errors on a file to give instead.
 
     Raises:
         DataError: the file cannot be read, or a column is missing or states a unit that cannot be converted.

@@ -16,7 +16,7 @@ def open_lines(path: Path, remedy: str, errors: str | None = None, missing: str 
 
     Args:
         path: the file.
-        remedy: advice for the error if the file is no text: what to give instead.
+        remedy: advice for the error if the file is no text, such as which file to give instead.
         errors: how bytes that are not UTF-8 are decoded, as for `open`; None refuses them.
         missing: advice for the error if the file does not exist; "" suggests a file with a similar name if there is one.
 

@@ -77,8 +77,8 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
         topic: a topic of a bag; None takes the only topic of poses or, if there is none, the transforms.
-        frame: a frame whose poses the transforms of a bag give; None takes base_link, else base_footprint, else the lowest
-            frame that moves (`mqslam.formats.transforms.Transforms.choose`).
+        frame: a frame whose poses the transforms of a bag give; None takes base_link, else base_footprint, else the frame
+            that `mqslam.formats.transforms.Transforms.choose` chooses.
 
     Raises:
         DataError: the file has none of these formats, holds a value that is not a number, has stamps that do not increase,
@@ -152,7 +152,7 @@ def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> Non
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
-    """Writes KITTI poses as evo reads them: per line the upper three rows of a 4x4 matrix; z is 0, stamps are left out."""
+    """Writes KITTI poses as evo reads them: per line the upper three rows of a 4x4 matrix, with z = 0 and no stamps."""
     lines = []
     for x, y, yaw in trajectory.poses.tolist():
         c, s = np.cos(round_yaw(yaw)), np.sin(round_yaw(yaw))
@@ -233,7 +233,7 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, 
 def _read_transforms(
     path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads a frame's poses from the transforms on some topics; also returns notes on those without stamps or left out."""
+    """Reads a frame's poses from the transforms on some topics; also returns `Transforms.notes` for the user."""
     transforms = Transforms()
     for connection, logged, raw in reader.messages(connections):
         transforms.add(reader.deserialize(raw, connection.msgtype), connection.topic, logged)
@@ -299,7 +299,7 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
 
 
 def _fit_as_degrees(poses: NDArray[np.float64]) -> bool:
-    """Returns whether yaws of poses (N, 3) lie along their path as degrees but not as radians; False if none exceeds 2 pi.
+    """Returns whether the yaws of poses (N, 3) fit the path in degrees but not in radians; False if no yaw exceeds 2 pi.
 
     The poses are x, y [m] and a yaw of unknown unit, which may differ from the direction of the path by a constant angle.
     """
@@ -312,7 +312,7 @@ def _fit_as_degrees(poses: NDArray[np.float64]) -> bool:
 
 
 def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
-    """Reads lines of a pose matrix (12 numbers) and a stamp, as TBV SLAM writes the nodes of its graph."""
+    """Reads a trajectory from lines of a pose matrix (12 numbers) and a stamp, as TBV SLAM writes the nodes of its graph."""
     words = _split(path, lines, _NUMBERS + 1)
     table = parse_numbers(path, words, range(_NUMBERS + 1), "pose")
     if np.all(table[:, 0] > table[:, -1]):
@@ -355,14 +355,14 @@ def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]
 
 
 def _read_first_words(times: Path) -> NDArray[np.int64]:
-    """Reads the first word of each line of a file as a stamp: (N,) [us]."""
+    """Reads stamps (N,) [us] from a file: the first word of each line that is neither empty nor a comment."""
     return parse_times(times, [row.split()[0] for row in read_lines(times, _KNOWN) if row and not row.startswith("#")])
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
     """Makes a planar trajectory of stamps (N,) [us] and the upper three rows (N, 12) of the matrices of poses [m].
 
-    If `_is_camera` says so, the poses are those of a camera, else those of a body in the x-y plane.
+    If `_is_camera` returns True, the poses are a camera's, else they are poses of a body in the x-y plane.
     """
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():

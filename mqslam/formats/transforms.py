@@ -37,7 +37,7 @@ def is_static(topic: str) -> bool:
 
 
 def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
-    """Yields each transform of a `tf2_msgs/TFMessage`: the TransformStamped, the names of frame and parent, the numbers."""
+    """Yields each TransformStamped of a `tf2_msgs/TFMessage`, with the names of its frame and parent and its `_Numbers`."""
     for stamped in message.transforms:
         move, turn = stamped.transform.translation, stamped.transform.rotation
         numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
@@ -45,7 +45,7 @@ def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
 
 
 def _is_motion(numbers: _Numbers) -> bool:
-    """Returns whether the numbers of a transform are finite, its place up to 1e9 m away, and its quaternion not zero."""
+    """Returns whether a transform has finite numbers, coordinates of at most 1e9 m, and a quaternion that is not zero."""
     is_finite = np.isfinite(numbers).all() and mark_places(np.array(numbers[:3]))
     return bool(is_finite and np.linalg.norm(numbers[3:]) > 0.0)
 
@@ -56,7 +56,7 @@ class Mounts:
 
     Args:
         parents: by frame, the name of its parent, the numbers of the transform (x, y, z [m] and the quaternion x, y, z, w),
-            and the topic that states it; without transforms on /tf that have changed.
+            and the topic that states it. Frames in `moving` are left out.
         moving: the frames whose transforms on /tf have changed; later transforms of these frames on /tf are ignored.
     """
 
@@ -125,7 +125,7 @@ class Mounts:
         return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
-        """Returns the nearest of the bodies above a sensor, or else the topmost frame, with the transform (4, 4) to it."""
+        """Returns the nearest of `bodies` above a sensor, or else the topmost frame, with the transform (4, 4) [m] to it."""
         from scipy.spatial.transform import Rotation
 
         frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
@@ -162,7 +162,7 @@ class Transforms:
     """The transforms between frames over time.
 
     Args:
-        links: by child frame, its transforms.
+        links: by child frame, its transforms to its parent frame.
         left_out: number of transforms that were left out because a number is not finite, the place is over 1e9 m away, or
             the quaternion is zero.
         clock: reads the stamps of the transforms.
@@ -191,7 +191,7 @@ class Transforms:
 
     @property
     def notes(self) -> list[str]:
-        """Notes for the user: on transforms without stamps, a line per topic but the static ones, and on those left out."""
+        """Notes for the user on transforms without stamps, one per topic except static topics, and on invalid transforms."""
         unstamped = {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
         left_out = describe_left_out(self.left_out, count_of(self.left_out, "transform"))
         return Clock(self.clock.read, unstamped).notes + left_out

@@ -31,7 +31,7 @@ class _Kind(NamedTuple):
 
     Args:
         vertex, edge: the first words of the lines of a vertex and of an edge.
-        size: number of values that a pose has.
+        size: number of values that state a pose: x, y, yaw, or x, y, z and a quaternion.
         width: number of rows of an information matrix, whose upper triangle follows the pose of an edge.
     """
 
@@ -174,7 +174,7 @@ def read_g2o(path: Path) -> StoredGraph:
 
 @untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
-    """Returns the two vertices, counted from 0, of each edge of a run's graph in file order, and the count of all vertices.
+    """Reads the graph of a run: returns the numbers of the two vertices of each edge, and the number of all vertices.
 
     Raises:
         DataError: the file cannot be read, or the line of an edge does not name two vertices.
@@ -185,7 +185,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
 
 
 def _guess_content(words: Sequence[str]) -> str:
-    """Returns the end of an error about a file that is no graph: what its first line looks like, or "" if unclear."""
+    """Guesses the kind of a file that is no graph from the words of its first line; returns a clause for an error, or ""."""
     try:
         for word in words:
             float(word)
@@ -237,7 +237,7 @@ def _parse_lines(
 
 
 def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int], list[float]]:
-    """Returns the `ends` vertices and the `count` values that a line states after its first word.
+    """Parses the words of a line after its first word: the numbers of `ends` vertices, then `count` values.
 
     Both lists are empty if the line has other counts, a word that is no number, or a number that is too large.
     """
@@ -277,7 +277,7 @@ def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
 
 
 def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
-    """Returns the kind and the numbers of the pose that is the value of a key, as `_read_pose` does."""
+    """Returns the kind and the numbers of the pose that a key has in `values`, as `_read_pose` returns them."""
     pose = find_pose(values, key)
     assert pose is not None, key
     return _read_pose(pose)
@@ -313,7 +313,7 @@ def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose
 
 
 def _join(numbers: Iterable[float], digits: int = 9) -> str:
-    """Returns numbers as a text, with `digits` significant digits each and spaces between them."""
+    """Formats numbers with `digits` significant digits each, separated by spaces."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 

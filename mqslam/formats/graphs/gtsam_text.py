@@ -1,4 +1,4 @@
-"""Reads graphs and values in GTSAM's own format: the texts that its `serialize` returns, archives of the Boost library."""
+"""Reads graphs and values from the texts that GTSAM's `serialize` returns: text archives of the Boost library."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _REMEDY: Final = (
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether a file begins like a text archive of boost."""
+    """Returns whether a file begins like a text archive of Boost, the form in which GTSAM serialises graphs and values."""
     try:
         with untrusted.check_file(path).open("rb") as file:
             return file.read(len(_BEGIN)) == _BEGIN

@@ -100,7 +100,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 def _choose_scans(
     path: Path, log: CarmenLog, kind: str, settings: ReadingConfig
 ) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
-    """Chooses of one kind of scans those with increasing stamps; returns stamps (N,) [us], scans, notes on the choice."""
+    """Chooses the scans of one kind whose stamps increase; returns their stamps (N,) [us], the scans, and notes on this."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))
@@ -212,7 +212,7 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """Returns (1) the robot's odometry, None with fewer than two poses; (2) notes for the user on resets and omissions.
+    """Returns (1) the robot's odometry, None for fewer than two poses; (2) notes for the user on resets and omitted poses.
 
     In a log that a SLAM run wrote, the odometry starts again from the corrected pose after every scan. The wheels measured
     only the steps between these jumps: the steps are chained, and the jumps are left out.
@@ -236,7 +236,7 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
 
 
 def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
-    """Returns a mask (M,) of the odometry lines whose stamps (M,) [us] fit the order of the log.
+    """Returns a mask (M,) of the ODOM lines whose stamps (M,) [us] fit the order of the lines in the log.
 
     If the last ODOM line above a scan has the scan's stamp and is not anchored, it belongs to the scan and is always marked.
     Stamps of other ODOM lines may run back and forth (by up to a second in the Intel log). Such a line is marked if its
@@ -253,7 +253,7 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
 
 def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
-    """Returns whether trajectories, moved to a common first pose, differ by less than 5 cm and 0.02 rad at a's stamps."""
+    """Returns whether trajectories, moved to one first pose, differ by less than 5 cm and 0.02 rad at the stamps of `a`."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     return bool(np.all(np.abs(apart) < _SAME_TRACK))
@@ -264,14 +264,14 @@ class ScanLine:
     """A FLASER or ROBOTLASER1 line.
 
     Args:
-        stamp: stamp [s], as the log writes it.
+        stamp: stamp [s], as the text in the log.
         ranges: (n,) measured ranges [m].
         angles: (n,) directions of the readings [rad], counter-clockwise from straight ahead.
         remissions: (n,) strength of the echoes, in the lidar's own units; 0 if the line states none.
         maximum_m: the lidar's maximum range [m] that the line states; inf if it states none.
         sensor: (3,) pose of the lidar x, y [m], yaw [rad] in the log's frame.
         robot: (3,) pose of the robot x, y [m], yaw [rad] in the log's frame.
-        odometry_above: number of ODOM lines above this line.
+        odometry_above: number of ODOM lines above this line in the log.
     """
 
     stamp: str
@@ -289,7 +289,7 @@ class OdometryLine:
     """An ODOM line.
 
     Args:
-        stamp: stamp [s], as the log writes it.
+        stamp: stamp [s], as the text in the log.
         pose: (3,) pose of the robot x, y [m], yaw [rad].
         anchored: whether the line measures nothing, but resets the odometry to the corrected pose in the scan line before.
             Such a line repeats this pose, and its stamp is earlier than the stamp of the last line that is not anchored.
@@ -408,7 +408,7 @@ def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
 
 
 def _check_stamp(word: str) -> str:
-    """Returns a stamp as it is written; raises ValueError if it is no number."""
+    """Returns the text of a stamp unchanged; raises ValueError if it is no number."""
     float(word)
     return word
 

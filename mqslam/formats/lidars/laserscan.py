@@ -32,7 +32,7 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _ScanIndex:
-    """The content of a bag that one pass reads.
+    """The scans, poses and transforms of a bag, as one pass over its messages reads them.
 
     Args:
         stamps_us: stamp of each scan [us].
@@ -157,7 +157,7 @@ def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str 
 
 
 def _parse_scan(message: Any) -> Returns:
-    """Parses a message into the returns of a scan, whose times [s] count from the message's stamp.
+    """Converts a `sensor_msgs/LaserScan` to the returns of a scan, whose times [s] count from the message's stamp.
 
     Raises:
         ValueError: an angle or time increment is not finite, or range_min is not below range_max.
@@ -178,7 +178,7 @@ def _parse_scan(message: Any) -> Returns:
 
 
 def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
-    """Returns the times [s] of the beams of N scans, counted from the first stamp, and a note if they are replaced.
+    """Returns the times [s] of the beams of N scans since the first stamp, and a list with a note if they are replaced.
 
     The N scans have stamps (N,) [us], from which the times in `scans` count [s]. These times are replaced if the driver's
     time increment is zero, is negative, or lets a scan last longer than the usual time until the next scan. Then all beams

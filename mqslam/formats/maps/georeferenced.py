@@ -46,7 +46,7 @@ def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
 
 
 def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.ImageFileDirectory_v2:
-    """Returns the tags that georeference the pixels; the first pixel is the grid's cell at the lowest x and highest y."""
+    """Returns the TIFF tags that georeference the pixels; the first pixel is the cell with the lowest x and highest y."""
     c, s, step = np.cos(place.pose[2]), np.sin(place.pose[2]), grid.resolution
     left, top = grid.origin[0], grid.origin[1] + step * grid.occupied.shape[0]
     x, y = place.pose[0] + c * left - s * top, place.pose[1] + s * left + c * top
@@ -86,7 +86,7 @@ def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> No
 
     Args:
         path: the file.
-        trajectory: poses in the map's frame.
+        trajectory: the trajectory, with poses in the map's frame.
         place: where the map lies on the Earth.
 
     Raises:

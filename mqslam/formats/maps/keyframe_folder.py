@@ -98,7 +98,7 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
 
 
 def find_keyframes(path: Path) -> Path | None:
-    """Returns the path if it is a folder of keyframes, else the folder of keyframes in the result at the path, else None."""
+    """Returns the folder of keyframes at a path: the path itself, or `keyframes/` inside it; None if neither is one."""
     for folder in (path, path / FOLDER):
         if (folder / "index.json").is_file():
             return folder
@@ -155,7 +155,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
-    """Checks that the numbers (N,) of a memory-mapped file are finite and at most 1e9, and releases the file's memory."""
+    """Checks that the numbers (N,) of a memory-mapped file are finite and at most 1e9, and frees the memory of the file."""
     for begin in range(0, len(numbers), _AT_A_TIME):
         if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
             raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)
@@ -167,7 +167,7 @@ def _read_index(path: Path) -> dict[str, Any]:
     """Returns the content of index.json after a check, with its recordings and its place on the Earth as objects.
 
     Raises:
-        DataError: the file cannot be read, is damaged, or is not the index of a map of this version.
+        DataError: the file cannot be read, is damaged, or is no index of a map in the version that this code reads.
     """
     index = json.loads(untrusted.read_document(path))
     if index["format"] != _FORMAT:

@@ -35,7 +35,7 @@ class Nav2Map:
     Args:
         cells: (H, W) int8 occupancy, 100 occupied, 0 free, -1 unknown; row 0 at the lowest y.
         resolution: side of a cell [m].
-        origin: (3,) pose of the lower left corner of cell (0, 0) [m, m, rad], world frame.
+        origin: (3,) pose x, y [m], yaw [rad] of the lower left corner of cell (0, 0) in the world frame.
     """
 
     cells: NDArray[np.int8]

@@ -105,7 +105,7 @@ def open_radar(path: Path | str, format: str | None, sensing: Sensing) -> Record
     Args:
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
-        sensing: what the user states about the radar.
+        sensing: the properties of the radar that the user states.
 
     Raises:
         OfLidarError: the path holds the recording of a planar lidar.
@@ -163,7 +163,7 @@ def _is_result(path: Path) -> bool:
 
 
 def _guess_layout(path: Path) -> Layout:
-    """Returns the first layout that recognises a path; if none does, raises a DataError that says what the path is."""
+    """Returns the first layout that recognises a path; if none does, raises a DataError that names the kind of the path."""
     for format in FORMATS:
         layout = _load(format)
         if layout.recognises(path):

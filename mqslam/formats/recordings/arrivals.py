@@ -102,7 +102,9 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Removes the delays from the stamps of arrival (N,) [us] of turns at given places (N,).
+    """Removes the delays from the stamps of arrival (N,) [us] of N turns.
+
+    `places` (N,) are the numbers of these turns, counted from 0 over all turns, the missing ones included.
 
     Returns:
         The estimated stamps (N,) [us], the usual duration of a turn [us], and the standard deviation of one stamp [s].
@@ -131,13 +133,13 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
 
 
 def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Finds the usual duration (N - 1,) of a turn [us] at each step between the stamps (N,) [us] of turns at places (N,)."""
+    """Finds the usual duration (N - 1,) of a turn [us] between stamps (N,) [us] of turns with the numbers `places` (N,)."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Returns a mask (N,) of the stamps [us] that increase and are not too late, given the places (N,) of their turns.
+    """Returns a mask (N,) of the stamps [us] that increase and are not too late; `places` (N,) number their turns.
 
     A stamp is too late if the stamp of a later turn follows it sooner than the fastest plausible rate of the radar allows.
     """
@@ -157,10 +159,10 @@ def _fill_turns(
 ) -> tuple[NDArray[np.int64], float]:
     """Returns the stamp of every turn (M,) [us], missing turns included, and the usual duration of a turn [us].
 
-    Of the N stamps of arrival [us] at places (N,), those that the mask `known` (N,) marks are kept. All other turns are
-    spread evenly between the known turns; before the first and after the last known turn, they follow at the usual duration.
-    Where a gap lies between two known turns, another turn is put after the gap if its stamp of arrival lies there, else
-    before the gap.
+    The N stamps of arrival [us] belong to the turns numbered `places` (N,). The stamps that the mask `known` (N,) marks are
+    kept. All other turns are spread evenly between the known turns; before the first and after the last known turn, they
+    follow at the usual duration. Where a gap lies between two known turns, another turn is put after the gap if its stamp of
+    arrival lies there, else before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -277,9 +279,9 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
     Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
     of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
-    computer was busy, are recognised as late before the estimated turns can follow them. The likelihood of a stray stamp is
-    the same everywhere within a turn. `bends` (N - 2,) are second differences of the stamps [us], `tied` (N - 2,) marks the
-    tied ones, `known` (N,) are the weights of the stamps, and `turn` is the usual duration of a turn [us].
+    computer was busy, are recognised as late before the estimated turns can follow them. A stray stamp is taken to
+    be equally likely at all instants of a turn. `bends` (N - 2,) are the second differences of the stamps [us], `tied`
+    (N - 2,) marks the tied differences, `known` (N,) are the weights of the stamps, `turn` is a turn's usual duration [us].
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
@@ -330,9 +332,9 @@ def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: ND
     """Splits N stamps into delays d and true times t; minimises sum(weights d^2) + ratio sum((second differences of t)^2).
 
     Only tied second differences count. The normal equations (W + ratio D'TD) d = ratio D'T bends have five diagonals: W
-    holds the weights (N,), T picks the tied bends, and D takes second differences. `bends` (N - 2,) are those of the stamps
-    [us], and `tied` (N - 2,) marks the tied ones. `ratio` is the variance of the jitter over that of changes of a turn's
-    duration.
+    holds the weights (N,), T picks the tied differences, and D takes second differences. `bends` (N - 2,) are the second
+    differences of the stamps [us], and `tied` (N - 2,) marks the tied ones. `ratio` is the variance of the jitter divided by
+    the variance of the changes of a turn's duration.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 

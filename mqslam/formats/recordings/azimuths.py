@@ -79,7 +79,7 @@ class Azimuths:
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
     def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
-        """Makes a polar scan of these azimuths and their power (A, B); its times [s] count from the stamp `start_us`."""
+        """Makes a polar scan of these azimuths and their power (A, B); its times [s] count from `start_us` [us]."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
         return PolarScan(times, self.angles, power, self.valid)
 
@@ -133,14 +133,14 @@ def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
-    """Returns `count` azimuths at even steps over a revolution that begins straight ahead at a stamp [us]."""
+    """Returns `count` azimuths at even steps over a revolution that begins straight ahead at `stamp_us` [us]."""
     fractions = np.arange(count) / count
     stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
     return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
 
 
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
-    """Returns a note for the user that azimuths are spread evenly; `whose` is the origin of stamps: "file" or "header"."""
+    """Returns a note for the user that azimuths are spread evenly; `whose` is the source of stamps, "file" or "header"."""
     return (
         "azimuths carry no stamps of their own and are spread evenly over the turn; "
         f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "

@@ -86,7 +86,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> RowImageRecording:
-    """Returns a recording with odometry from a wheel's file and the gyroscope, else with a message why it has none."""
+    """Adds odometry from the wheel encoder's file and the gyroscope to a recording, or a message that says why it cannot."""
     gyroscope, place = recording.gyroscope, calibration / "T_applanix_wheel.txt"
     if gyroscope is None or (recording.mount is not None and not place.exists()):
         missing = "a gyroscope besides applanix/imu.csv" if gyroscope is None else str(place)
@@ -168,7 +168,7 @@ def _read_mount(calibration: Path) -> Mount | None:
 
 
 def _find_resolution(stamp_us: int) -> float:
-    """Returns the length of a range bin [m] of the radar that was mounted at a stamp [us]."""
+    """Returns the length of a range bin [m] of the radar that was on the vehicle at the time `stamp_us` [us]."""
     return RANGE_RESOLUTION_BEFORE_M if stamp_us < UPGRADE_US else RANGE_RESOLUTION_M
 
 
@@ -202,7 +202,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) -> list[str]:
-    """Writes the ground truth at the stamps (N,) [us] of the images, and returns notes for the user.
+    """Writes the ground truth at the stamps `middles` (N,) [us] of the images, and returns notes for the user.
 
     Images outside the ground truth get no pose; if fewer than two get one, nothing is written. The roll is pi, so that the
     heading is the yaw (see `_read_poses`).

@@ -49,7 +49,7 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
         path: the file of the wheel encoder.
         radius_m: radius of the wheel [m].
         wheel: pose of the wheel on the vehicle.
-        gyroscope: the gyroscope, whose axes are those of the vehicle.
+        gyroscope: the gyroscope; its axes are the vehicle's.
         radar: the radar's recording, for its start and end.
 
     Raises:

@@ -112,7 +112,7 @@ def open_columns(
         named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
         numbers: (N,) increasing numbers that the recorder gave to polar scans; some may be missing. None: none is missing.
         bin_length: (1) the length of a range bin [m]; (2) a list with a note for the user if this length is assumed.
-        sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
+        sensing: the properties of the radar that the user states; without its direction, it spins clockwise.
 
     Raises:
         DataError: there are no images, or each of the first half of them cannot be used.
@@ -188,7 +188,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
 
 
 def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: float) -> str:
-    """Describes why polar images cannot hold polar scan k; returns "" if they can.
+    """Returns the reason why polar images cannot hold polar scan k, or "" if they can.
 
     Args:
         k: index of the polar scan.

@@ -1,4 +1,4 @@
-"""Recordings derived from another recording: a stretch of time, a mirror image, or a copy that shows what is read."""
+"""Recordings derived from another recording: a stretch of it, a mirror image, or a copy whose reading can be watched."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class DerivedRecording(Recording):
     Args:
         inner: the other recording.
         first: index in the inner recording of the first polar scan of this recording.
-        earlier_s: time from the start of the inner recording to the start of this recording [s].
+        earlier_s: start of this recording minus the start of the inner recording [s].
         is_mirrored: whether left and right are exchanged, so that azimuths change their sign.
     """
 
@@ -36,7 +36,7 @@ class DerivedRecording(Recording):
         return map(self._change, self.inner.polar_scans(self.first + start, self.first + stop))
 
     def _change(self, polar_scan: PolarScan) -> PolarScan:
-        """Converts a polar scan of the inner recording to the times and the sense of rotation of this recording."""
+        """Makes the times of an inner polar scan count from the start of this recording, and mirrors the scan if needed."""
         return replace(
             polar_scan,
             times=polar_scan.times - self.earlier_s if self.earlier_s else polar_scan.times,
@@ -98,13 +98,13 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
 
 
 def mirror(recording: Recording, note: str) -> Recording:
-    """Returns a recording with left and right exchanged in its polar scans; the note for the user is added to its notes."""
+    """Returns a recording with left and right exchanged in its polar scans; `note` tells the user of this in its notes."""
     same = copy_fields(recording) | {"notes": (*recording.notes, note)}
     return DerivedRecording(inner=recording, is_mirrored=True, **same)
 
 
 def apply_clockwise(recording: Recording, clockwise: bool | None) -> Recording:
-    """Returns a recording whose radar spins in the sense that the user states: mirrored, if its azimuths run the other way.
+    """Returns a recording whose radar spins in the direction that the user states: mirrored if its azimuths run otherwise.
 
     Args:
         recording: the recording.
@@ -130,7 +130,7 @@ def _is_clockwise(recording: Recording) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedRecording(DerivedRecording):
-    """A recording that shows each of its polar scans as it is read.
+    """A copy of a recording that passes each polar scan to a function as soon as it is read.
 
     Args:
         watch: called with each polar scan.
@@ -139,6 +139,6 @@ class WatchedRecording(DerivedRecording):
     watch: Callable[[PolarScan], object]
 
     def _change(self, polar_scan: PolarScan) -> PolarScan:
-        """Shows a polar scan of the inner recording, which stays as it is."""
+        """Passes a polar scan of the inner recording to `watch`, and returns it unchanged."""
         self.watch(polar_scan)
         return polar_scan

@@ -1,4 +1,4 @@
-"""Types that all layouts share: the functions of a layout, what a user states about a radar, and targets of a conversion."""
+"""Types that all layouts share: the functions of a layout, the properties of a radar that a user states, and targets."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ USUAL_TOPICS = Topics()
 
 @dataclass(frozen=True, slots=True)
 class Sensing:
-    """What a user states about a radar; where a value is None, the recording or its layout's default decides.
+    """The properties of a radar that a user states; where one is None, the recording or its layout's default decides.
 
     Args:
         range_resolution: length of a range bin [m].
@@ -83,7 +83,7 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Returns a list with a note that `stamp` has no effect if azimuths carry stamps; empty if `stamp` is not stated."""
+        """Returns a list with the note that `stamp` is not used because azimuths carry stamps; [] if `stamp` is None."""
         return [] if self.stamp is None else ["azimuths carry their own stamps: sensor.stamp has no effect"]
 
 
@@ -101,7 +101,7 @@ class Layout(Protocol):
 
         Args:
             path: the recording.
-            sensing: what the user states about the radar, which overrides what the layout assumes.
+            sensing: the properties of the radar that the user states; they override the layout's defaults.
 
         Raises:
             DataError: there are no polar scans, or a file that is needed cannot be used.
@@ -109,7 +109,7 @@ class Layout(Protocol):
 
 
 def note_resolution(metres: float, why: str = "") -> str:
-    """Returns the note that a length of range bins [m] is assumed; `why` continues the sentence with the reason."""
+    """Returns the note that a length of range bins [m] is assumed; `why`, such as `, as X has it`, states the reason."""
     return f"range resolution {metres:.4g} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"
 
 

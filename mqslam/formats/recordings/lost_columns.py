@@ -165,7 +165,7 @@ def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]
 
 
 def _choose_rows(image: Image) -> NDArray[np.float32]:
-    """Returns the rows (rows, A) of an image that are compared, an equal number in each band of range."""
+    """Returns the rows (rows, A) of an image that are compared with other images, equally many in each band of range."""
     near = image.shape[0] // _NEAR_SHARE
     rows = image[near :: max(1, image.shape[0] // _ROWS)]
     return rows[: max(1, len(rows) // _BANDS) * _BANDS].astype(np.float32)

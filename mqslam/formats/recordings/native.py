@@ -147,7 +147,7 @@ def _measure(archive: _Archive, k: int) -> float | None:
 
 
 def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
-    """Reads polar scan k; raises a DataError if its members do not fit one another, or its times are far from `start_s`."""
+    """Reads polar scan k, which begins at `start_s` [s]; raises a DataError if its members contradict it or each other."""
     times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     power = archive.read(f"power_{k:06d}", np.uint8, (-1, -1))
     valid = archive.read(f"valid_{k:06d}", np.bool_, (-1,))
@@ -155,7 +155,7 @@ def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
         raise archive.refuse(f"polar scan {k} has members of different lengths")
     sound = power.size and np.all(np.abs(azimuths) < _MOST_TURNED) and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
     if not sound or np.any(np.diff(times) < 0.0):
-        raise archive.refuse(f"polar scan {k} has times or azimuths that are not those of a turn of the radar")
+        raise archive.refuse(f"polar scan {k} has times or azimuths that no turn of a radar has")
     return PolarScan(times, azimuths, power, valid)
 
 

@@ -118,7 +118,7 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
 
 
 def _list_descriptions(root: Path) -> list[Path]:
-    """Lists the existing files that state properties of the radar; where there are several, the first is used."""
+    """Lists those files of a recording that may state properties of the radar; callers use the first of them."""
     return [file for name in (_RECORDING, "twin.json", "simulation.json") if (file := root / name).exists()]
 
 
@@ -227,7 +227,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes the gyroscope, the GNSS fixes, and `recording.json` if range bins, range offset or mount are to be stated."""
+    """Writes gyroscope, GNSS fixes and, unless all have default values, range bins, range offset and mount as JSON."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
@@ -265,7 +265,7 @@ def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: Pol
 
 
 def _format_moves(truth: Trajectory) -> str:
-    """Formats the motions from pose to pose as CSV, each in the frame of the earlier pose with y right and yaw clockwise."""
+    """Formats motions from pose to pose as CSV, each in the frame of the earlier pose with y right and yaw clockwise."""
     moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):

@@ -233,7 +233,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Returns the radar's topic with its first scan's layout; raises a DataError if the first ten messages hold none."""
+    """Finds the layout of a topic from the first usable of its first ten messages; raises a DataError if none is usable."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -247,7 +247,7 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
-    """Finds a topic's layout from one message; raises ValueError if its image, or the angles in the rows, cannot be used."""
+    """Finds a topic's layout from one message; raises ValueError if the image or the angles in its rows cannot be used."""
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return AzimuthLayout.B_SCAN
     image = _read_pixels(message)
@@ -375,7 +375,7 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep more than half of a turn; `largest` is the largest encoder value so far."""
+    """Returns whether azimuths sweep more than half of a turn; `largest` is the largest encoder value read so far."""
     ticks = [tick for _, tick, *_ in azimuths]
     return 2 * (max(ticks) - min(ticks)) > largest
 
@@ -399,7 +399,7 @@ def _read_azimuth(message: Any, logged: int) -> _Azimuth:
 
 
 def _read_number(stated: Any) -> int:
-    """Reads an unsigned number from a field that holds the number or its bytes; raises ValueError if there are no bytes."""
+    """Reads an unsigned number from a field: the number itself or its bytes; raises ValueError if there are no bytes."""
     if np.ndim(stated) == 0:
         return int(stated)
     content = np.asarray(stated, dtype=np.uint8).tobytes()
@@ -437,37 +437,37 @@ def _make_turn(azimuths: list[_Azimuth]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class StatedRanges:
-    """What a configuration message of a bag states about the radar's range bins.
+    """The length and the position of the radar's range bins, as a configuration message of a bag states them.
 
     Args:
         topic: topic of the message.
         bin_length: length of a range bin [m]; if the message states a calibration, its factor is already applied.
-        near_end: range of an object in the middle of bin 0 [m]: the range offset, as counted from the near end of a bin
-            instead of its centre; None where the message states no calibration.
+        middle_of_bin_0: true range of an object in the middle of bin 0 [m]; None where the message states no calibration.
+            The recording's range offset is this range minus half the length of a bin.
     """
 
     topic: str
     bin_length: float
-    near_end: float | None
+    middle_of_bin_0: float | None
 
 
 def read_ranges(reader: AnyReader) -> StatedRanges | None:
-    """Returns what the first configuration message with a plausible length of a bin states; None if there is none."""
+    """Returns the range bins that the first configuration message with a plausible bin length states; None if none does."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:
                 if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
-                    gain, near_end = _read_calibration(message)
-                    return StatedRanges(topic, number / per_m * gain, near_end)
+                    gain, middle = _read_calibration(message)
+                    return StatedRanges(topic, number / per_m * gain, middle)
     return None
 
 
 def _read_calibration(message: Any) -> tuple[float, float | None]:
-    """Returns the factor on ranges and the `near_end` [m] that a message states; 1.0 and None if they are not plausible."""
+    """Returns the factor on ranges and the range [m] of the middle of bin 0 in a message; 1.0 and None if implausible."""
     stated = (_list_numbers(getattr(message, name, 0)) for name in ("range_gain", "range_offset"))
-    for gain, near_end in zip(*stated, strict=False):  # the bytes of both numbers have the same order
-        if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(near_end):
-            return gain, near_end
+    for gain, middle in zip(*stated, strict=False):  # the bytes of both numbers have the same order
+        if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(middle):
+            return gain, middle
     return 1.0, None
 
 
@@ -521,7 +521,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
 
 
 def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
-    """Makes a b-scan of Navtech's driver from polar scan k, with the usual number of encoder ticks that fits its azimuths.
+    """Makes a b-scan message of Navtech's driver from polar scan k, with the encoder size that `_choose_encoder` chooses.
 
     Raises:
         DataError: the polar scan turns counter-clockwise, or has one azimuth.

@@ -117,7 +117,7 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _format_frame(frame: int) -> str:
-    """Formats the number of a frame as in the name of its file: with six digits or more."""
+    """Formats the number of a frame as the name of its file has it: with at least six digits."""
     return str(frame).zfill(_DIGITS)
 
 

@@ -96,7 +96,7 @@ class RosbagRecording(Recording):
         return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
-        """Makes polar scan k from its message or gathered b-scan."""
+        """Makes polar scan k from its message, or from the b-scan that `read_turns` gathered."""
         power = self.radar.read_power(message)
         if self.radar.stamps_azimuths:
             azimuths = self.radar.read_azimuths(message)
@@ -196,14 +196,14 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The frames of a bag, which show whose poses a topic holds: the radar's, the vehicle's or another frame's.
+    """The frames of a bag, which show whether a topic holds poses of the radar, of the vehicle or of another frame.
 
     In the methods, `frame` is the name of the frame whose poses a topic holds, "" if the messages do not name it.
 
     Args:
         radar: name of the frame of the radar's messages.
         mount: where the radar sits on the vehicle; None if the bag does not state it.
-        placed: those transforms of the bag that never change.
+        placed: the transforms of the bag that never change.
     """
 
     radar: str
@@ -230,7 +230,7 @@ class Frames:
         only the mount is not known, they are poses of their frame.
 
         Returns:
-            (1) The ground truth, (2) a note on whose poses it holds, (3) whether it holds poses of the vehicle's own frame.
+            (1) The ground truth, (2) a note on the frame of its poses, (3) whether these are poses of the vehicle's frame.
         """
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar", False
@@ -238,7 +238,7 @@ class Frames:
         if on_vehicle is None:
             return truth, f"ground truth from {topic} is taken as the pose of the radar itself", False
         if self.mount is None:
-            note = f"ground truth from {topic} is the pose of {frame}; the bag does not state the radar's place on it"
+            note = f"ground truth from {topic} is the pose of {frame}; the bag does not state the radar's pose on it"
             return truth, note, not on_vehicle.any()
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
         note = f"ground truth from {topic} is the pose of {frame}, converted to poses of the radar by {self.mount.source}"
@@ -289,9 +289,9 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
     elif resolution is None:
         resolution = RANGE_RESOLUTION_M
         notes.append(note_resolution(resolution))
-    if sensing.range_offset is None and stated is not None and stated.near_end is not None:
-        offset = stated.near_end - 0.5 * resolution
-        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it by the range of the near end of bin 0"
+    if sensing.range_offset is None and stated is not None and stated.middle_of_bin_0 is not None:
+        offset = stated.middle_of_bin_0 - 0.5 * resolution
+        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it by the range of the middle of bin 0"
         notes.append(f"{note}: {Remedy.OVERRIDE_RANGE_OFFSET}")
     return resolution, offset, notes
 
@@ -383,9 +383,9 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Yields poses as odometry messages, each with the mean twist until the next pose, the last with the twist before it.
+    """Yields poses as odometry messages; the twist of a message is the mean twist from its pose to the next pose.
 
-    `frames` are the names of the fixed frame and of the moving frame whose poses these are.
+    The last message repeats the twist of the message before. `frames` are the names of the fixed and of the moving frame.
     """
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)

@@ -144,7 +144,7 @@ def open_rows(
         folder: folder of the images.
         names: (N,) names of the images, increasing.
         bin_length: (1) the length of a range bin [m]; (2) a list with a note for the user if this length is assumed.
-        sensing: what the user states about the radar.
+        sensing: the properties of the radar that the user states.
 
     Raises:
         DataError: there are no images, the first or the last half of them cannot be used, or the azimuths show another

@@ -120,9 +120,10 @@ def place_turns(
 
 
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Finds the usual duration (M,) of a turn [us] at each of M steps [us]; 250 ms where these show no plausible duration.
+    """Finds the usual duration (M,) of a turn [us] at each of M steps [us] from one polar scan to the next.
 
-    If there are few steps, it is one of the shortest steps, since polar scans may be missing but never come early.
+    If there are few steps, it is one of the shortest steps, since polar scans may be missing but never come early. Where the
+    steps show no plausible duration, it is 250 ms.
     """
     if len(steps) >= TURNS_AROUND:
         usual = _explain_steps(steps)
@@ -133,7 +134,7 @@ def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Finds the usual duration (M,) of a turn [us] at each of M steps [us], of which there are many.
+    """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us] from one polar scan to the next.
 
     The steps are explained by the sequence of turn rates that needs the assumptions with the lowest sum of costs: that a
     polar scan is missing, late or early, or that the radar changes its rate.
@@ -155,7 +156,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns at most eight durations (R,) of a turn [us] that may explain steps (M,) [us]: frequent, clearly different."""
+    """Returns at most eight durations (R,) of a turn [us] that are frequent among steps (M,) [us] and differ clearly."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
@@ -170,7 +171,7 @@ def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:
-    """Finds the state (M,) at each of M steps for which the sum of the costs of states and of changes is lowest.
+    """Finds the sequence of states (M,), one per step, whose costs of states and of changes have the lowest sum.
 
     Args:
         costs: (M, R) cost of each of R states at each step.

@@ -151,7 +151,7 @@ def _read_boreas_rates(header: Header) -> Reading[Gyroscope]:
 
 
 def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
-    """Returns the rotation (3, 3) from the DMU41's axes to the Applanix frame, with a note on where it comes from."""
+    """Returns the rotation (3, 3) from the DMU41's axes to the Applanix frame, and a note for the user on its source."""
     calibration = file.parent.parent / "calib" / "T_applanix_dmu.txt"
     if calibration.exists():
         return read_transform(calibration)[:3, :3], f"the axes of {file} are rotated by {calibration.name}"
@@ -159,7 +159,7 @@ def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
 
 
 def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
-    """Reads the fixes of Boreas, in radians, or in degrees if the median latitude or longitude is too large for radians."""
+    """Reads the fixes of Boreas: their angles are radians, or degrees if the median latitude or longitude is too large."""
     table = read_sensor_table(header, header.find(("gpstime", "latitude", "longitude"), _BOREAS_FIXES))
     largest = np.nanmedian(np.abs(table.columns), axis=0) if np.isfinite(table.columns).any(axis=0).all() else np.zeros(2)
     in_radians = bool(largest[0] <= np.pi / 2 and largest[1] <= np.pi)
@@ -202,7 +202,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads the status (1 in a good row, else NaN) and the named columns; also notes how many rows are not good."""
+    """Reads the status (1 in a good row, else NaN) and the named columns; also returns a note on rows that are not good."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}

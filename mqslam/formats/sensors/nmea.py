@@ -91,7 +91,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
     Args:
         positions: number of GGA sentences in the log.
-        useless: the number of GGA sentences with a wrong checksum, and of those that state no fix.
+        useless: number of GGA sentences with a wrong checksum (`_UNCHECKED`) and of those without a fix (`_UNFIXED`).
     """
     if not positions:
         return "holds no GGA sentence"
@@ -141,7 +141,7 @@ def _read_date(kind: str, fields: Sequence[str]) -> int | None:
 
 
 def _read_clock(text: str) -> int:
-    """Reads a time of day `hhmmss.ss` as microseconds since midnight, or raises ValueError."""
+    """Reads a time of day `hhmmss.ss` as microseconds since midnight; raises ValueError if it is no time of day."""
     hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
     if not (0 <= hours < 24 and 0 <= minutes < 60 and 0.0 <= seconds < 61.0):
         raise ValueError(text)
@@ -149,7 +149,11 @@ def _read_clock(text: str) -> int:
 
 
 def _read_angle(text: str, side: str, sides: str) -> float:
-    """Reads an angle `dddmm.mmmm` as degrees, positive on the first of two `sides`, such as NS, or raises ValueError."""
+    """Reads an angle `dddmm.mmmm` as degrees, negative if `side` is the second of `sides`, such as S of NS.
+
+    Raises:
+        ValueError: the text is no angle, or `side` is neither of the two.
+    """
     if side not in tuple(sides):
         raise ValueError(side)
     degrees, minutes = divmod(float(text), 100.0)

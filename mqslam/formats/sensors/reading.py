@@ -1,4 +1,4 @@
-"""Makes gyroscopes and GNSS fixes from the usable rows of a file or topic, with notes and faults for the user."""
+"""Makes gyroscopes and GNSS fixes from the usable rows of a file or topic, with notes for the user, also on bad rows."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def add_beside(
     truth: Callable[[], Trajectory | None] = lambda: None,
     odometry: Callable[[], Trajectory | None] = lambda: None,
 ) -> _Some:
-    """Returns a recording with its other sensors and trajectories added; what cannot be used is left out, with a fault.
+    """Adds to a recording its other sensors and trajectories; leaves out files that cannot be used, with a fault for each.
 
     Args:
         recording: the recording; its notes come first. Its own trajectories stay where `truth` or `odometry` reads none, but
@@ -102,8 +102,8 @@ def make_gyroscope(
     Args:
         path: the file, for errors.
         table: stamps, and rates (N, 3) about x forward, y left and z up [rad/s].
-        notes: how the file was understood.
-        source: where the rows come from, for messages, if not from the whole file.
+        notes: sentences for the user on how the file was understood.
+        source: origin of the rows, such as a topic, for messages; "" takes the file.
         own_clock: whether the gyroscope is known to have a clock of its own.
 
     Raises:
@@ -128,8 +128,8 @@ def make_fixes(
         path: the file, for errors.
         table: stamps, and (N, 2) latitudes, longitudes [degrees], or (N, 3) with standard deviations [m] as well, which are
             used where they are finite and positive.
-        notes: how the file was understood.
-        source: where the rows come from, for messages, if not from the whole file.
+        notes: sentences for the user on how the file was understood.
+        source: origin of the rows, such as a topic, for messages; "" takes the file.
         made_truth: whether the recording's ground truth was made from this receiver.
         own_clock: whether the receiver is known to have a clock of its own.
 
@@ -156,13 +156,13 @@ def make_fixes(
 
 
 def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
-    """Returns the problem for an error: how many rows a file holds, and how many of them can be used.
+    """Describes, for an error, how many rows a file holds and how many of them can be used.
 
     Args:
         table: the rows.
         kept: number of rows that can be used.
-        noun: what a row is, in the singular, such as `reading of a gyroscope`.
-        has: what a row must have besides a stamp to be usable.
+        noun: a name for one row, such as `reading of a gyroscope`.
+        has: properties that a row needs besides a stamp to be usable, in words.
     """
     rows = table.unread + len(table.stamps_us)
     what, _, whose = noun.partition(" ")
@@ -177,13 +177,13 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Marks the sound rows (N,) whose stamps increase, as many as possible; also returns faults about all other rows.
+    """Chooses as many sound rows with increasing stamps as possible: returns a mask (N,), and faults about all other rows.
 
     Args:
-        source: where the rows come from, for the faults.
+        source: origin of the rows, such as a file or topic, for the faults.
         table: the rows.
         sound: (N,) whether the numbers of each row can be used.
-        unsound: what all other rows hold, for the faults.
+        unsound: content of the rows that are not sound, in words for the faults.
     """
     faults = []
     rows = table.unread + len(sound)
@@ -198,7 +198,7 @@ def choose_rows(
 
 
 def _note_unit(gyroscope: Gyroscope) -> list[str]:
-    """Returns a list with a note if more than `_SPIKES` of the yaw rates are too fast for a vehicle, else an empty list."""
+    """Returns a list with a note if over a thousandth of the yaw rates is too fast for a vehicle, else an empty list."""
     usual = float(np.quantile(np.abs(gyroscope.rates[:, 2]), 1.0 - _SPIKES))
     if usual <= _FASTEST_TURN:
         return []

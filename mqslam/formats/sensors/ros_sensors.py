@@ -38,7 +38,7 @@ _NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set th
 
 @dataclass(slots=True)
 class _Rows:
-    """The messages on a topic: of each a stamp [us] and three values (see `RosSensors.rows`); damaged ones are counted."""
+    """The stamps [us] and three values (see `RosSensors.rows`) of the messages on a topic, and the count of damaged ones."""
 
     stamps: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -143,11 +143,11 @@ class RosSensors:
         return make_fixes(path, table, source=self.fix_topic, made_truth=bags.is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
-        """Returns the mount of the radar as the transforms state it; None if no transform places the radar.
+        """Returns the radar's pose on the vehicle, as the transforms state it; None if no transforms connect the frames.
 
         Raises:
-            DataError: no transform places the radar, but messages on /tf_static are damaged; or transforms place the radar
-                by numbers that are not finite.
+            DataError: no transforms connect the frames, but messages on /tf_static are damaged; or the transforms have
+                numbers that are not finite.
         """
         topic = self.mounts.find_topic(radar_frame)
         pose = self.mounts.find(radar_frame) if topic else None
@@ -206,7 +206,7 @@ def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
-    """Returns an iterator over (stamp [us], connection, message), by stamp, for each of mount, gyroscope and fixes."""
+    """Returns iterators over (stamp [us], connection, message), by stamp: one each for the mount, gyroscope and fixes."""
     lists = []
     if recording.mount is not None:
         lists.append(_list_mount(bag, recording.mount, recording.start_us))
@@ -224,7 +224,7 @@ def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Co
 
 
 def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields the readings of a gyroscope as messages, whose orientation and acceleration are marked as not given."""
+    """Yields the readings of a gyroscope as Imu messages that mark orientation and acceleration as not given."""
     connection = bag.topic(_IMU_TOPIC, IMU_TYPE)
     level = bag.quaternion(0.0)
     absent, unknown = np.zeros(9), np.zeros(9)
