@@ -261,7 +261,7 @@ class Open3dIcpConfig(Section):
 
 
 class OdometryConfig(Section):
-    """Errors of odometry that does not state its own, for the front end odometry and for the pose graph."""
+    """Errors that the front end `odometry` and the pose graph assume for odometry that does not state its errors."""
 
     sigma_travel: float = Field(
         0.05,
@@ -297,7 +297,7 @@ class MapConfig(Section):
 
 
 class MergeConfig(Section):
-    """Settings of the merge of several recordings to one map."""
+    """Settings of the merge of several recordings into one map."""
 
     changes: bool = Field(True, description="Whether to search for changes between the recordings.")
 
@@ -523,7 +523,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
 
 def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ between two configurations, each as (section.name, JSON value before, after)."""
+    """Returns the settings that differ between two configurations, each as (section.name, old JSON value, new one)."""
     differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")

@@ -35,7 +35,7 @@ R = TypeVar("R")
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
 ) -> str:
-    """Returns a hash of all inputs and settings of a run; a checkpoint is resumed only by a run with the same hash.
+    """Returns a hash of a run's inputs, settings and version of mqslam; only a run with this hash resumes its checkpoint.
 
     The polar scans are not read: the path, the stamps, the length of a range bin and the range offset stand for them.
     """

@@ -19,7 +19,7 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an OSError of the block into an error that `path` cannot be made or written, as `done` says; advises `remedy`.
+    """Turns an OSError of the block into the error that `path` cannot be `done` ("made" or "written"); it advises `remedy`.
 
     Raises:
         OutputError: the block raised an OSError.

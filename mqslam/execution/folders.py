@@ -146,7 +146,7 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders that killed commands have left beside `out`; notes in the lock name them, after the given word."""
+    """Lists the folders beside `out` that killed commands have left, by the notes `<word> <folder>` in the lock."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
@@ -287,5 +287,5 @@ def carry_over(folder: Path, out: Path) -> None:
 
 
 def _matches(entry: PurePosixPath, name: str) -> bool:
-    """Returns whether a path matches a pattern in which `*` stands for any part of the name of one file or folder."""
+    """Returns whether a path matches the pattern `name`, in which `*` stands for any part of one file's or folder's name."""
     return len(entry.parts) == name.count("/") + 1 and entry.match(name)

@@ -45,7 +45,7 @@ def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
 
 
 def _pack_detected(detected: Detected) -> Arrays:
-    """Converts a detection's result to arrays: the returns of all scans joined, and the index at which each scan ends."""
+    """Converts a detection's result to arrays; the returns of all scans are joined, and `ends` says where each ends."""
     arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _list_fields(Returns)}
     arrays["ends"] = np.cumsum([len(r) for r in detected.returns])
     arrays["counts"] = np.array(astuple(detected.counts), dtype=np.int64)
@@ -58,7 +58,7 @@ def _pack_detected(detected: Detected) -> Arrays:
 
 
 def _unpack_detected(arrays: Arrays) -> Detected:
-    """Restores a detection's result from the arrays of `_pack_detected`; the times spent become zero."""
+    """Restores a detection's result from the arrays of `_pack_detected`; computing times are not kept and become 0."""
     columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _list_fields(Returns)]
     returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
     errors = (DataError(*words) for words in arrays["why"].tolist())

@@ -32,12 +32,12 @@ _log = logging.getLogger(__name__)
 
 
 class Runner:
-    """Services for the stages of one run: timing, progress, kept results and tolerated failures.
+    """Services for the stages of one run: timing, progress, stored results and tolerated failures.
 
     Args:
         engine: calls the functions of the stages; no result depends on the choice of the engine.
         progress: called with the name of a stage, the number of its steps that are done, and the number of all its steps.
-        checkpoint: keeps and finds the results of stages; None keeps nothing.
+        checkpoint: stores and finds the results of stages; None stores nothing.
         watch: called for every scan as soon as its motion is measured, with the scan, its pose (3,) [m, m, rad] and its
             points (N, 2) [m], both in the first scan's frame.
 

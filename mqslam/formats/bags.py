@@ -272,7 +272,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a list with a note if `trajectory` leaves out some or all poses of a topic for a fault, else []."""
+        """Returns a list with a note for the user if `trajectory` leaves out a topic or some of its poses, else []."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]

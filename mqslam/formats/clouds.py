@@ -81,7 +81,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud of the fields of a file, or raises a DataError; only points with z in `z_range` [m] are kept."""
+    """Makes a cloud of a file's fields, or raises a DataError; keeps points with z in `z_range` [m], or all for None."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")
@@ -125,8 +125,8 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
 def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
     """Joins whole seconds (N,) and their nanoseconds (N,) to times (N,) [ns].
 
-    The seconds are taken alone unless both arrays hold integers and equally many. Nanoseconds of 1e9 or more are complete
-    times: if there are any, the nanoseconds are taken alone.
+    If an array does not hold integers, or if the lengths differ, the seconds are taken alone. Nanoseconds of 1e9 or more are
+    complete times: if there are any, the nanoseconds are taken alone.
     """
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
@@ -144,12 +144,12 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32], unit: str) -> str:
-    """Returns a note on the steps in which single-precision times (N,) come, or "" if the steps are small.
+    """Returns a note on the smallest step between single-precision times (N,), or "" if the step is small.
 
     The times are in `unit`; if it is "", it is guessed from their size.
 
     Raises:
-        DataError: the steps are too large to tell one scan from the next.
+        DataError: the step is too large to tell one scan from the next.
     """
     largest = np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))
     step = float(np.spacing(largest)) * 1e-6 * float(UNITS[unit or guess_unit(float(largest))])

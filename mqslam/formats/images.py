@@ -69,7 +69,7 @@ def decode_grey(source: Path | bytes, formats: tuple[str, ...]) -> NDArray[np.ui
 
 
 def describe_excess(height: int, width: int) -> str:
-    """Returns the problem, for an error, with an image that is too large for a polar scan; "" for any other size [pixels].
+    """Describes, for an error, that an image of a size [pixels] is too large for a polar scan; returns "" if it is not.
 
     It is too large if it has over 16 million pixels, or a side of over 65,535 pixels.
     """

@@ -25,7 +25,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is its place in the file, such as `line 3`.
+    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place`, such as `line 3`, names it in the error.
 
     Raises:
         DataError: the quaternion is zero.

@@ -330,7 +330,7 @@ def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
-    """Reads a sensor's stamps and its wanted columns, each in the first unit that it may have; the stamps' default is us.
+    """Reads a sensor's stamps and its wanted columns, each in the first unit that it may have; stamps without unit are us.
 
     Args:
         header: the first line of the table.

@@ -68,9 +68,9 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
       [rad], counter-clockwise from x, or qx, qy, qz, qw; units may follow: x [m], yaw [deg], qx [-].
-    - A ROS bag: the only topic of odometry, poses or paths (of a run's /path and /pose, /path), or the named
-      topic; of a topic of paths only the last message is read. If there is no such topic, or a topic of transforms or a
-      frame is named, the transforms give the poses of a frame in the topmost frame above it.
+    - A ROS bag: the only topic of odometry, poses or paths, or the named topic; in a bag of a run's results, /path is read
+      and not /pose. Of a topic of paths only the last message is read. If there is no such topic, or a topic of transforms
+      or a frame is named, the transforms give the poses of a frame in the topmost frame above it.
     - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps in the folder.
 
     Args:

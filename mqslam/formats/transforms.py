@@ -201,11 +201,10 @@ class Transforms:
 
         Args:
             frame: name of a frame that moves; None takes, in this order and in any namespace, (1) base_link, (2)
-                base_footprint, (3) the only frame whose own transform changes while that of no frame below it does.
+                base_footprint, (3) the only frame that moves in its parent and below which no frame moves in its parent.
 
         Raises:
-            ValueError: the named frame does not move; or, for None, no frame moves, or several frames fit the first of the
-                three cases that any frame fits.
+            ValueError: the named frame does not move; or, for None, no frame moves, or several frames fit alike.
         """
         own = {name for name, link in self.links.items() if link.moves}
         moving = sorted(name for name in self.links if not own.isdisjoint(self._climb(name)))

@@ -96,7 +96,7 @@ def lock_output(out: Path) -> Iterator[Lock]:
 
 
 def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
-    """Opens and locks the lock file at `path` of the output `out`; the file is closed when `opened` is."""
+    """Opens and locks the lock file at `path` of the output `out`; the file is closed when `opened` is closed."""
     for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:

@@ -250,7 +250,7 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
 
 
 def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArray[np.float64]:
-    """Returns the information matrix of every edge, (E, 3, 3) or (E, 6, 6), in GTSAM's order of the variables.
+    """Returns the information matrices of E edges, (E, 3, 3) or (E, 6, 6), in GTSAM's order of the variables.
 
     Raises:
         DataError: a matrix is not positive definite.

@@ -20,7 +20,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     Args:
         path: the recording.
-        settings: settings for what the recording does not state, such as the field of view.
+        settings: values that the recording may not state, such as the field of view.
 
     Raises:
         DataError: the recording cannot be used.

@@ -69,7 +69,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     Args:
         path: the log.
-        settings: settings for what the log does not state, such as the field of view.
+        settings: values that the log may not state, such as the field of view.
 
     Raises:
         DataError: the log cannot be read, a line is cut short, the field of view is not stated, there are fewer than two
@@ -156,7 +156,7 @@ def _spread_readings(
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Returns the returns of each scan, and a list with a note if the log clips long ranges.
+    """Converts scan lines to returns; also returns a list with a note for the user if the log clips long ranges.
 
     Ranges of 0, clipped ranges, and ranges from the lidar's maximum on are left out.
 
@@ -184,7 +184,7 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
 
     Args:
         ranges: (K,) all ranges below the lidar's maximum [m].
-        readings: number of all readings, with and without such a range.
+        readings: number of all readings in the scans of the log.
         parameters: parameters of the log.
     """
     longest = float(ranges.max(initial=0.0))

@@ -100,7 +100,7 @@ def open_recording(  # noqa: PLR0913 - these are the properties of a recording, 
 
 
 def open_radar(path: Path | str, format: str | None, sensing: Sensing) -> Recording:
-    """Opens the recording of a radar; the errors are the same as those of `open_recording`.
+    """Opens the recording of a radar, without reading its polar scans.
 
     Args:
         path: a file or folder in one of the layouts of `FORMATS`.
@@ -109,6 +109,7 @@ def open_radar(path: Path | str, format: str | None, sensing: Sensing) -> Record
 
     Raises:
         OfLidarError: the path holds the recording of a planar lidar.
+        ConfigError, DataError: for the same reasons as in `open_recording`.
     """
     path = to_path(path, "a recording")
     resolution, offset = sensing.range_resolution, sensing.range_offset
@@ -145,9 +146,9 @@ def _load(format: str) -> Layout:
 
 
 def _find_root(path: Path) -> Path:
-    """Returns the folder within which a recording's files may lie: the path, or the first folder above it with another name.
+    """Returns the folder that holds all files of a recording, whose path may also be that of a folder of images inside.
 
-    Folders named as in `_IMAGE_FOLDERS` lie inside a recording, whose other files lie beside them.
+    It is the path itself, or the first folder above it that is not named like a folder of images (`_IMAGE_FOLDERS`).
     """
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:
@@ -163,7 +164,7 @@ def _is_result(path: Path) -> bool:
 
 
 def _guess_layout(path: Path) -> Layout:
-    """Returns the first layout that recognises a path; if none does, raises a DataError that names the kind of the path."""
+    """Returns the first layout that recognises a path; if none does, raises a DataError that describes the path."""
     for format in FORMATS:
         layout = _load(format)
         if layout.recognises(path):

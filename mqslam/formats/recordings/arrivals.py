@@ -123,7 +123,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Returns a message on the damaged stamps that a mask (N,) marks; it states the first such polar scan's number."""
+    """Returns a message on the damaged stamps that a mask (N,) marks, with the number of the first such polar scan."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
@@ -132,7 +132,7 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
     )
 
 
-def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+def _find_durations(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
     """Finds the usual duration (N - 1,) of a turn [us] between stamps (N,) [us] of turns with the numbers `places` (N,)."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
@@ -148,8 +148,8 @@ def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> ND
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
     if len(rows) < 2:
         return np.isin(np.arange(len(stamps_us)), rows)
-    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows]), TURNS_AROUND)
-    early = stamps_us[rows] - np.append(0.0, np.cumsum(takes / ALIKE_TURNS * np.diff(places[rows])))
+    durations = minimum_filter1d(_find_durations(stamps_us[rows], places[rows]), TURNS_AROUND)
+    early = stamps_us[rows] - np.append(0.0, np.cumsum(durations / ALIKE_TURNS * np.diff(places[rows])))
     in_time = early <= np.minimum.accumulate(early[::-1])[::-1]
     return np.isin(np.arange(len(stamps_us)), rows[in_time])
 
@@ -165,18 +165,18 @@ def _fill_turns(
     arrival lies there, else before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
-    apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
-    usual = float(np.median(takes)) if len(takes) else float(USUAL_TURN_US)
+    apart, steps, durations = np.diff(counts), np.diff(stamps), _find_durations(stamps, counts)
+    usual = float(np.median(durations)) if len(durations) else float(USUAL_TURN_US)
     every = np.arange(places[-1] + 1)
     filled = np.interp(every, counts, stamps.astype(np.float64))
     filled += usual * (np.minimum(every - counts[0], 0) + np.maximum(every - counts[-1], 0))
     arrived = np.zeros(len(every))
     arrived[places] = stamps_us
-    for k in np.flatnonzero((apart > 1) & (steps > (apart + LONGEST_STEP - 1.0) * takes)).tolist():
+    for k in np.flatnonzero((apart > 1) & (steps > (apart + LONGEST_STEP - 1.0) * durations)).tolist():
         between = every[counts[k] + 1 : counts[k + 1]]
-        first = stamps[k] + takes[k] * (between - counts[k])
-        second = stamps[k + 1] - takes[k] * (counts[k + 1] - between)
-        filled[between] = np.where(np.maximum.accumulate(arrived[between] > second - 0.5 * takes[k]), second, first)
+        first = stamps[k] + durations[k] * (between - counts[k])
+        second = stamps[k + 1] - durations[k] * (counts[k + 1] - between)
+        filled[between] = np.where(np.maximum.accumulate(arrived[between] > second - 0.5 * durations[k]), second, first)
     return np.round(filled).astype(np.int64), usual
 
 
@@ -242,7 +242,7 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
 
 
 def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Returns a mask (N,) of all polar scans that are tied to others; `tied` (N - 2,) marks the first of each tied three."""
+    """Returns a mask (N,) of all polar scans that are tied to others; `tied` (N - 2,) marks the first of three tied ones."""
     padded = np.pad(tied, 2)
     return padded[2:] | padded[1:-1] | padded[:-2]
 
@@ -255,7 +255,8 @@ def _estimate_delays(
 ) -> _Fit | None:
     """Estimates the delays of N stamps; returns None if no stamp with weight 1 belongs to tied turns.
 
-    Turns are untied if their duration would change by more than a rotating mass allows.
+    Successive turns are tied if no gap and no change of the radar's rate lies between them. They are untied if their
+    duration would change by more than a rotating mass allows.
 
     Args:
         bends: (N - 2,) second differences of the stamps [us].
@@ -275,7 +276,7 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Splits N stamps into delays and true times at the likeliest ratio of the variances of jitter and changes.
+    """Splits N stamps into delays and true times, for the likeliest ratio of variances (see `_fit_delays`).
 
     Stray stamps, which are far from their estimates, get almost no weight. The first ratio that is tried lets the duration
     of turns change least, and each later ratio lets it change more. So several stamps that are late together, because a
@@ -303,7 +304,7 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The best split of N stamps into delays and true times, for one ratio of the variances of jitter and changes.
+    """The best split of N stamps into delays and true times, for one ratio of variances (see `_fit_delays`).
 
     Args:
         delays: (N,) delays of the stamps [us].

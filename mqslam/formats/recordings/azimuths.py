@@ -276,7 +276,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
 
 
 def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Returns a mask (A,) of the longest non-decreasing subsequence of values (A,) that `candidates` (A,) marks."""
+    """Returns a mask (A,) of the longest non-decreasing subsequence of those values (A,) that `candidates` (A,) marks."""
     mask = candidates.copy()
     if np.any(np.diff(values[candidates]) < 0):
         mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)

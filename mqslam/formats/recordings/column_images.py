@@ -112,7 +112,7 @@ def open_columns(
         named_us: (N,) stamps of arrival [us] of the N images: ends of revolutions, unless `sensing` states otherwise.
         numbers: (N,) increasing numbers that the recorder gave to polar scans; some may be missing. None: none is missing.
         bin_length: (1) the length of a range bin [m]; (2) a list with a note for the user if this length is assumed.
-        sensing: the properties of the radar that the user states; without its direction, it spins clockwise.
+        sensing: the properties of the radar that the user states; it spins clockwise unless they state otherwise.
 
     Raises:
         DataError: there are no images, or each of the first half of them cannot be used.
@@ -153,7 +153,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         names: (N,) names of the images.
 
     Returns:
-        Notes for the user on what the images do not hold.
+        Notes for the user on the data that the images do not hold.
 
     Raises:
         DataError: a polar scan has one azimuth or does not fit into polar images (see `_find_misfit`).

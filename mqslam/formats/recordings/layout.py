@@ -120,8 +120,8 @@ class Target:
     Args:
         name: name of the layout, as a user states it.
         write: writes a recording to a path, completely or not at all, with one polar scan in memory at a time. Returns notes
-            for the user on what the layout does not hold. Raises a DataError if a polar scan cannot be read or the layout
-            cannot hold the recording, and an OutputError if the result cannot be written.
+            for the user on data that the layout does not hold. Raises a DataError if a polar scan cannot be read or the
+            layout cannot hold the recording, and an OutputError if the result cannot be written.
         suffix: suffix of the file that is written, such as ".npz"; "" if a folder is written.
         odometry: whether the layout holds odometry.
         truth: whether the layout holds ground truth.

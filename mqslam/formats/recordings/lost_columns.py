@@ -107,7 +107,7 @@ def count_lost(before: Image, image: Image) -> int:
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
-        """Returns the RMS difference (A,) of each column from the one `shift` columns further right in the image before."""
+        """Returns the RMS difference (A,) of each column from the column `shift` further right in the image before."""
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 

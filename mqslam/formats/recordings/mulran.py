@@ -41,14 +41,14 @@ _MOUNT = Mount(np.array(_BASE_TO_RADAR), "the calibration that MulRan publishes,
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether a path holds images in one of the two forms, or is the folder of such images."""
+    """Returns whether a path holds images in a folder `polar` or `polar_oxford_form`, or is itself such a folder."""
     return any(_list_folders(path))
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a recording of MulRan: reads the names of the images, a few of the images, the poses and the other sensors.
 
-    If a recording has both forms, the Oxford rows are read, since their azimuths carry stamps.
+    If a recording has both column images and Oxford rows, the Oxford rows are read, since their azimuths carry stamps.
     """
     folder = next(_list_folders(path), None)
     if folder is None:
@@ -114,7 +114,7 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
 
 
 def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
-    """Makes and returns the folder for images of a form, and writes the ground truth, if any, beside `sensor_data/`.
+    """Makes and returns the folder, called `form`, for images; writes the ground truth, if any, beside `sensor_data/`.
 
     Raises:
         DataError: the recording begins so early that its stamps in ns would be read as us.

@@ -79,7 +79,7 @@ def find_image_folder(path: Path) -> Path:
 
 
 def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Lists the images of a recording in order; if there is a `radar.timestamps`, only those that it lists without a 0.
+    """Lists the images of a recording in order, without those that `radar.timestamps`, if there, omits or marks with 0.
 
     Returns:
         (1) The names (N,) of the images, which are stamps [us]; (2) notes for the user on images and lines that are left
@@ -185,7 +185,7 @@ def _read_mount(root: Path) -> Mount | None:
 def _read_ground_truth(root: Path, recording: Recording) -> tuple[Trajectory | None, list[str]]:
     """Reads the ground truth: the poses of a converted recording or, for the dataset itself, poses chained from motions.
 
-    Of the motions, only the longest stretch of successive ones within the recording is used.
+    Only the longest sequence of successive motions without a break, within the recording, is used.
 
     Returns:
         The poses, or None if there is no ground truth, and a list with a note for the user if the motions have breaks or if
@@ -227,7 +227,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes gyroscope, GNSS fixes and, unless all have default values, range bins, range offset and mount as JSON."""
+    """Writes gyroscope and GNSS fixes, and `recording.json` if range bins, range offset or mount differ from defaults."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))

@@ -305,7 +305,7 @@ def _read_pixels(image: Any) -> NDArray[np.uint8]:
 
 
 def read_frame(message: Any) -> str:
-    """Returns the name of the frame that a radar's message is in."""
+    """Returns the name of the frame in the header of a radar's message."""
     image = message.b_scan_img if message.__msgtype__ == B_SCAN_TYPE else message
     return str(image.header.frame_id)
 

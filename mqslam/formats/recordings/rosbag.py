@@ -202,7 +202,7 @@ class Frames:
 
     Args:
         radar: name of the frame of the radar's messages.
-        mount: where the radar sits on the vehicle; None if the bag does not state it.
+        mount: the radar's pose on the vehicle; None if the bag does not state it.
         placed: the transforms of the bag that never change.
     """
 

@@ -94,7 +94,7 @@ class RowFolder:
         return azimuths, pixels[:, METADATA_BYTES:], rising
 
     def read_rising(self, name: int) -> Azimuths:
-        """Reads the azimuths of an image's up-chirps, given its name; all azimuths unless byte 10 states chirps' directions.
+        """Reads the azimuths of an image's up-chirps, given its name; all azimuths unless byte 10 marks up-chirps.
 
         Raises:
             DataError: the image cannot be used, or its stamps do not fit its name.
@@ -136,7 +136,7 @@ def open_rows(
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end. The
     first image shows which share of a turn lies before this instant. The share is taken to be the same in all images. If the
-    instant lies outside the turn of the first image, the time from a turn's start to it is taken to be the same instead.
+    instant lies outside the turn of the first image, the time from a turn's start to its instant is taken to be the same.
 
     Args:
         path: the recording.
