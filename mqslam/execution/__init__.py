@@ -1,1 +1,1 @@
-"""Runs the work of commands and stores the results: engines, checkpoints, interrupts, and complete files or none."""
+"""Runs the work of commands and stores the results: engines, checkpoints, interrupts, and files complete or absent."""

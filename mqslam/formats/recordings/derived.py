@@ -1,4 +1,4 @@
-"""Recordings derived from another recording: a stretch of it, a mirror image, or a copy whose reading can be watched."""
+"""Recordings derived from another recording: a stretch of it, a mirror image, or a copy that reports each scan read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types that all layouts share: the functions of a layout, the properties of a radar that a user states, and targets."""
+"""Types that all layouts share: the functions of a layout, a radar's properties that a user states, layouts to write."""
 
 from __future__ import annotations
 
