@@ -10,6 +10,7 @@ import typer
 from mqslam.cli.options import Options, argument, choose_exit_code, command, option, set_verbosity
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
+from mqslam.core.wording import count_of, is_or_are, join_words
 from mqslam.errors import show
 
 if TYPE_CHECKING:
@@ -61,17 +62,20 @@ def batch(terminal: Terminal, *, fail_on: Literal["warn", "fail"] | None, **give
 
 
 def print_batch(terminal: Terminal, result: BatchResult) -> None:
-    """Prints the results of a batch as text for people."""
+    """Prints the results of a batch, or of those runs of an unfinished batch that have ended, as text for people."""
     from rich.console import Console
 
-    Console(soft_wrap=True).print(_tabulate(result.summary))
+    Console(soft_wrap=True).print(_tabulate(result))
     _print_failures(terminal, result.summary)
-    runs = result.summary["runs"]
-    terminal.print_warnings(f"{run['name']}: {run['warnings']}" for run in runs if run.get("warnings"))
-    for run in runs:
-        if run["not_judged"]:
-            echo(f"not judged of {run['name']}: {show(name_options(run['not_judged']))}")
-    echo(f"report: {result.report}")
+    notes = result.summary.get("notes", {})
+    terminal.print_warnings(f"{join_words(note['runs'])}: {note['text']}" for note in notes.get("warnings", ()))
+    for number, note in enumerate(notes.get("not_judged", ()), 1):
+        echo(f"not judged ({number}): {show(name_options(note['text']))}")
+    if left := len(result.unfinished):
+        count = count_of(len(result.states), "run")
+        echo(f"{left} of {count} {is_or_are(left)} not finished; the same command as before continues the batch")
+    else:
+        echo(f"report: {result.report}")
     terminal.print_warnings(result.warnings)
 
 
@@ -82,15 +86,20 @@ def _print_failures(terminal: Terminal, summary: dict[str, Any]) -> None:
             terminal.print(f"{run['name']} failed: {show(name_options(run['failure']))}")
 
 
-def _tabulate(summary: dict[str, Any]) -> Table:
-    """Returns a table with a row per run: name, verdict, number of scans, path [m], number of loops and ATE [m]."""
+def _tabulate(result: BatchResult) -> Table:
+    """Returns a table with a row per run: name, verdict, number of scans, path [m], loops, ATE [m] and what was not judged.
+
+    What was not judged is given by numbers, which `print_batch` prints with what they stand for.
+    """
     from rich.table import Table
 
+    states, unjudged = result.states, result.unjudged
     table = Table(show_edge=False, pad_edge=False)
-    for head in ("", "verdict", "scans", "path [m]", "loops", "ATE [m]"):
-        table.add_column(head.replace("[", r"\["), justify="left" if head in ("", "verdict") else "right")
+    for head in ("", "verdict", "scans", "path [m]", "loops", "ATE [m]", "not judged"):
+        is_text, is_list = head in ("", "verdict", "not judged"), head == "not judged"
+        table.add_column(head.replace("[", r"\["), justify="left" if is_text else "right", no_wrap=not is_list)
     forms = {"revolutions": "{}", "length_m": "{:.1f}", "loops": "{}", "ate_rmse_m": "{:.4g}"}
-    for run in summary["runs"]:
+    for run in result.summary["runs"]:
         cells = ("" if run[key] is None else form.format(run[key]) for key, form in forms.items())
-        table.add_row(run["name"], run["verdict"] or "failed", *cells)
+        table.add_row(run["name"], states[run["name"]], *cells, unjudged.get(run["name"], ""))
     return table

@@ -32,10 +32,12 @@ _PRINT: dict[str, Any] = {
 def show(terminal: Terminal, *, out: Path) -> None:
     """Show the results in a folder in the same form as the command that wrote them.
 
+    Of a batch that is not finished, the runs that have ended so far are shown.
+
     Example: mqslam show result
     """
-    from mqslam.commands.result import read_result
+    from mqslam.commands.result import read_result, read_unfinished_batch
 
-    result = read_result(out)
+    result = read_unfinished_batch(out) or read_result(out)
     with untrusted.blame_file(out):
         terminal.print_results(result.summary, lambda: _PRINT[type(result).__name__](terminal, result))

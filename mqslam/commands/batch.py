@@ -36,7 +36,7 @@ from mqslam.execution.folders import CHECKPOINT, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.report.batch_page import write_batch_page
-from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
+from mqslam.results.batch_results import UNENDED, Order, RunOutcome, check_batch, summarise, write_batch, write_progress
 from mqslam.results.files import add_warnings
 
 _FORM = "a list of runs in the form 'runs: [{data: RECORDING}, {data: ANOTHER}]'"
@@ -226,7 +226,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
     plan, out = Path(plan), Path(out)
     orders, text = read_plan(plan)
     with lock_output(out.absolute()):
-        check_batch(out, force=force)
+        check_batch(out, orders, force=force)
         try:
             outcomes = _run_all(orders, Terms(out.absolute(), work.engine.jobs, force), work)
         except ClusterError as error:
@@ -246,17 +246,22 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
     A run whose results this machine does not see, since a worker wrote them elsewhere, counts as failed.
     """
     before = [_find_kept(terms, order) for order in orders]
-    missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
+    outcomes = [kept or UNENDED for kept in before]
+    left = [index for index, kept in enumerate(before) if kept is None]
+    missing = [orders[index] for index in left]
 
-    numbers = [number for number, kept in enumerate(before, 1) if kept is None]
-
-    def started(index: int) -> None:
-        work.tell(f"{missing[index].name} starts (run {numbers[index]} of {len(orders)})")
+    def started(number: int) -> None:
+        work.tell(f"{missing[number].name} starts (run {left[number] + 1} of {len(orders)})")
 
     def done(number: int, outcome: RunOutcome | None) -> None:
+        order = missing[number - 1]
+        ended = _require_seen(terms.out / order.name, outcome or RunOutcome(failure=DIED))
+        outcomes[left[number - 1]] = ended
+        write_progress(terms.out, orders, outcomes)
         work.progress("runs", len(orders) - len(missing) + number, len(orders))
-        work.tell(_describe_outcome(missing[number - 1], outcome or RunOutcome(failure=DIED)))
+        work.tell(_describe_outcome(order, ended))
 
+    write_progress(terms.out, orders, outcomes)
     for order, kept in zip(orders, before, strict=True):
         if kept is not None:
             work.tell(_describe_outcome(order, kept))
@@ -265,15 +270,15 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
             work.tell(f"{order.name}: {path} does not exist on this machine")
     if missing:
         work.progress("runs", len(orders) - len(missing), len(orders))
-    ran = iter(work.engine.map_apart(run_one, terms, missing, done, started))
-    outcomes = []
-    for order, kept in zip(orders, before, strict=True):
-        outcome, folder = kept or next(ran) or RunOutcome(failure=DIED), terms.out / order.name
-        if outcome.summary is not None and not (folder / "summary.json").is_file():
-            failure = f"{folder}: does not exist on this machine; choose an output folder that all machines share"
-            outcome = RunOutcome(failure=failure)
-        outcomes.append(outcome)
+    work.engine.map_apart(run_one, terms, missing, done, started)
     return outcomes
+
+
+def _require_seen(folder: Path, outcome: RunOutcome) -> RunOutcome:
+    """Returns the outcome of a run, which is a failure if this machine does not see the run's folder of results."""
+    if outcome.summary is None or (folder / "summary.json").is_file():
+        return outcome
+    return RunOutcome(failure=f"{folder}: does not exist on this machine; choose an output folder that all machines share")
 
 
 def _describe_outcome(order: Order, outcome: RunOutcome) -> str:

@@ -17,6 +17,7 @@ from mqslam.errors import ConfigError, DataError, Remedy, suggest, to_path, untr
 from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH, find_unfinished
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.results.batch_results import NOT_FINISHED, number_notes, state_of
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
@@ -184,11 +185,26 @@ class BatchResult(Result):
         return {run["name"]: VerdictStatus(run["verdict"]) if run["verdict"] else None for run in self.summary["runs"]}
 
     @property
+    def states(self) -> dict[str, str]:
+        """The verdict of every run by its name, or `failed`, or `not finished` if the run has not ended yet."""
+        return {run["name"]: state_of(run["verdict"], run["failure"]) for run in self.summary["runs"]}
+
+    @property
+    def unfinished(self) -> list[str]:
+        """The names of the runs that have not ended yet."""
+        return [name for name, state in self.states.items() if state == NOT_FINISHED]
+
+    @property
+    def unjudged(self) -> dict[str, str]:
+        """The numbers, by name of the run, of those entries of `not_judged` in the batch's `notes` that are said of it."""
+        return number_notes(self.summary)
+
+    @property
     def facts(self) -> dict[str, str]:
         """The most important facts of the batch, as texts by their names."""
         names: dict[str, list[str]] = {}
-        for run in self.summary["runs"]:
-            names.setdefault(run["verdict"] or "failed", []).append(run["name"])
+        for name, state in self.states.items():
+            names.setdefault(state, []).append(name)
         more = {verdict: ", ..." if len(runs) > _RUNS_SHOWN else "" for verdict, runs in names.items()}
         groups = [f"{len(runs)} {name} ({', '.join(runs[:_RUNS_SHOWN])}{more[name]})" for name, runs in names.items()]
         return {"runs": ", ".join(groups) or "none"} | super().facts
@@ -247,6 +263,22 @@ def read_result(folder: Path | str) -> Result:
     summary = _read_summary(folder / "summary.json", ("warnings",))
     kinds = {"recordings": MergeResult, LOCALISED: LocaliseResult}
     return next((kind for key, kind in kinds.items() if key in summary), RunResult)(folder, summary)
+
+
+def read_unfinished_batch(folder: Path) -> BatchResult | None:
+    """Reads what is known so far of a batch that is not finished.
+
+    Args:
+        folder: the folder of a result.
+
+    Returns:
+        The runs of the batch, of which some have ended; None if the folder holds no unfinished batch.
+
+    Raises:
+        DataError: the file with what is known of the batch is damaged.
+    """
+    path = folder / UNFINISHED_BATCH
+    return BatchResult(folder, _read_summary(path, ("warnings", "runs", "counts"))) if path.is_file() else None
 
 
 def check_whole(folder: Path) -> None:

@@ -9,12 +9,13 @@ from urllib.parse import quote
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, join_words
 from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum
 from mqslam.report.canvas import BLUE, INK, SQUARE, Curve, Drawing, draw_world
 from mqslam.report.page import Card, Cell, Figure, Page, Section, Table
 from mqslam.report.words import ABSENT, format_length, format_matched, format_value
+from mqslam.results.batch_results import number_notes
 
 _WORDS: Final = ("run", "verdict", "why", "not judged", "drive", "against ground truth")
 _NUMBERS: Final = (  # key of a run in batch.json, head of its column, unit
@@ -44,7 +45,7 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
         OutputError: the file cannot be written.
     """
     failed = [f"{run['name']} failed: {run['failure']}" for run in summary["runs"] if run["failure"]]
-    warned = [f"{run['name']}: {run['warnings']}" for run in summary["runs"] if run["warnings"]]
+    warned = [f"{join_words(note['runs'])}: {note['text']}" for note in summary["notes"]["warnings"]]
     page = Page(title, {**summary, "warnings": [*failed, *warned]}, plan)
     tracks: dict[str, Trajectory] = {}
     for run in summary["runs"]:
@@ -53,6 +54,7 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
                 tracks[run["name"]] = read_tum(out / run["trajectory"])
     page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the table of the runs", lambda: _tabulate_runs(summary))
+    page.add("what was not judged", lambda: _list_unjudged(summary))
     page.add("the pictures of the trajectories", lambda: _show_trajectories(summary, tracks))
     return page.write(out)
 
@@ -80,7 +82,8 @@ def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
     runs = summary["runs"]
     notes = (
         "Runs that failed come first, then the worst maps. A name leads to the report of its run.",
-        "A map that passes may have faults in what was not judged, such as the scale if the range bins' length is assumed.",
+        "A map that passes may have faults in what was not judged, such as the scale if the range bins' length is assumed. "
+        "The numbers are those of the table below.",
     )
     head = ("run", *(name for _, name, _ in _NUMBERS))
     finished = [
@@ -89,7 +92,8 @@ def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
         if not run["failure"]
     ]
     folded = Section("The same in numbers", table=Table(head, finished)) if finished else None
-    table = Table(_WORDS, [_describe_run(run) for run in runs], holds_words=True)
+    unjudged = number_notes(summary)
+    table = Table(_WORDS, [_describe_run(run, unjudged.get(run["name"], ABSENT)) for run in runs], holds_words=True)
     return Section("Runs", notes, table=table, folded=folded)
 
 
@@ -97,14 +101,21 @@ def _format_number(key: str, value: Any, unit: str) -> str:
     return format_matched(value) if key == "matched" else format_value(value, unit)
 
 
-def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
+def _list_unjudged(summary: Mapping[str, Any]) -> Section | None:
+    """Returns a table of what could not be judged, each with its number and its runs; None if all was judged."""
+    notes = summary["notes"]["not_judged"]
+    rows = [(str(number), note["text"], join_words(note["runs"])) for number, note in enumerate(notes, 1)]
+    return Section("Not judged", table=Table(("number", "what", "runs"), rows, holds_words=True)) if rows else None
+
+
+def _describe_run(run: Mapping[str, Any], unjudged: str) -> tuple[str | Cell, ...]:
     """Returns a run's row of the table in words (`_WORDS`); for a run that failed, only its name and the failure."""
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"
     verdict = VerdictStatus(run["verdict"])
     why = "no test found a fault" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
-    return name, verdict, why, run["not_judged"] or ABSENT, _describe_drive(run), _describe_errors(run)
+    return name, verdict, why, unjudged, _describe_drive(run), _describe_errors(run)
 
 
 def _describe_drive(run: Mapping[str, Any]) -> str:

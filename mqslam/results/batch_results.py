@@ -16,6 +16,11 @@ from mqslam.execution.folders import UNFINISHED_BATCH
 from mqslam.results.files import format_csv
 from mqslam.version import __version__
 
+FAILED: Final = "failed"
+"""What is said of a run that failed, where others have their verdict."""
+NOT_FINISHED: Final = "not finished"
+"""What is said of a run that has not ended yet, where others have their verdict."""
+_STATES: Final = (FAILED, *GRAVEST_FIRST, NOT_FINISHED)
 OPTIONS: Final = ("data", "frontend", "odometry", "imu", "gnss", "extrinsics", "frame", "start", "end")
 """Entries of a run in batch.json that hold the options of the run, named as in the list of runs."""
 
@@ -54,8 +59,8 @@ class RunOutcome:
     """The result of one run of a batch.
 
     Args:
-        summary: content of the run's summary.json; None if the run failed.
-        failure: why the run failed; None if the run succeeded.
+        summary: content of the run's summary.json; None if the run failed or has not ended.
+        failure: why the run failed; None if the run succeeded or has not ended.
         kept: whether the result comes from an earlier batch and was not computed again.
     """
 
@@ -64,13 +69,18 @@ class RunOutcome:
     kept: bool = False
 
 
-def check_batch(out: Path, *, force: bool) -> None:
+UNENDED: Final = RunOutcome()
+"""The outcome of a run that has not ended yet."""
+
+
+def check_batch(out: Path, orders: Sequence[Order], *, force: bool) -> None:
     """Makes the folder of a batch, or checks that an existing one may be used, before hours are spent on the batch.
 
-    A file in the folder marks the batch as unfinished until `write_batch` removes it.
+    A file in the folder marks the batch as unfinished until `write_batch` removes it; see `write_progress`.
 
     Args:
         out: the folder.
+        orders: the runs of the batch.
         force: whether the folder may hold the results of another command.
 
     Raises:
@@ -81,33 +91,78 @@ def check_batch(out: Path, *, force: bool) -> None:
         raise OutputError(f"{out}: holds the results of another command", Remedy.CHOOSE_OR_WRITE_OUTPUT)
     with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.mkdir(parents=True, exist_ok=True)
-    write_text(out / UNFINISHED_BATCH, "This batch is not finished: the same command continues it.\n")
+    write_progress(out, orders, [UNENDED] * len(orders))
+
+
+def write_progress(out: Path, orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> None:
+    """Writes what is known of an unfinished batch, in the form of batch.json, into the file that marks it as unfinished.
+
+    Args:
+        out: the batch's folder.
+        orders: the runs of the batch.
+        outcomes: the outcome of each run so far, in the same order.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    write_json(out / UNFINISHED_BATCH, summarise(orders, outcomes))
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
-    """Returns the content of batch.json; runs that failed come first, the others follow from the worst verdict to the best.
+    """Returns the content of batch.json.
+
+    Runs that failed come first, the others follow from the worst verdict to the best, and runs that have not ended are last.
 
     Args:
         orders: the runs of the batch.
         outcomes: the result of each run, in the same order.
     """
     runs = [_list_run(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
-    runs.sort(key=lambda run: (None, *GRAVEST_FIRST).index(run["verdict"]))
-    states = [run["verdict"] or "failed" for run in runs]
+    states = {run["name"]: state_of(run["verdict"], run["failure"]) for run in runs}
+    runs.sort(key=lambda run: _STATES.index(states[run["name"]]))
+    summaries = {order.name: outcome.summary or {} for order, outcome in zip(orders, outcomes, strict=True)}
     return {
         "mqslam_version": __version__,
-        "counts": {state: states.count(state) for state in (*VerdictStatus, "failed")},
+        "counts": {state: list(states.values()).count(state) for state in (*VerdictStatus, FAILED, NOT_FINISHED)},
         "kept": sum(outcome.kept for outcome in outcomes),
         "duration_s": sum(run["duration_s"] or 0.0 for run in runs),
         "length_m": sum(run["length_m"] or 0.0 for run in runs),
         "runtime_s": sum(run["runtime_s"] or 0.0 for run in runs),
         "warnings": [],
+        "notes": {key: _gather_notes(key, summaries) for key in ("not_judged", "warnings")},
         "runs": runs,
     }
 
 
+def state_of(verdict: str | None, failure: str | None) -> str:
+    """Returns the verdict on a run; without one, `FAILED` if there is a failure, else `NOT_FINISHED`."""
+    return verdict or (FAILED if failure else NOT_FINISHED)
+
+
+def _gather_notes(key: str, summaries: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Returns each text of an entry `key` of the runs' summaries once, with the names of the runs that it is said of."""
+    names: dict[str, list[str]] = {}
+    for name, summary in summaries.items():
+        for text in summary.get(key, ()):
+            names.setdefault(text, []).append(name)
+    return [{"text": text, "runs": said_of} for text, said_of in names.items()]
+
+
+def number_notes(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Returns, by name of the run, the numbers of those entries `not_judged` of a batch's notes that are said of the run.
+
+    Args:
+        summary: content of batch.json; the entries of its notes are counted from 1.
+    """
+    numbers: dict[str, list[str]] = {}
+    for number, note in enumerate(summary.get("notes", {}).get("not_judged", ()), 1):
+        for name in note["runs"]:
+            numbers.setdefault(name, []).append(str(number))
+    return {name: ", ".join(found) for name, found in numbers.items()}
+
+
 def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
-    """Returns the row of a run in batch.json; numbers that a failed run lacks are None."""
+    """Returns the row of a run in batch.json; what a run lacks that failed or has not ended is None."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
     verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import time
@@ -13,10 +14,11 @@ import pytest
 from support.clusters import cluster
 from support.commands import INSTALLED, Result, list_processes, mqslam, read_contents, run_in_this_process
 
-from mqslam.commands.batch import read_plan
+from mqslam.commands.batch import read_plan, run_batch
 from mqslam.config import load_config
 from mqslam.errors import ConfigError
 from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH
+from mqslam.results.batch_results import Order, RunOutcome
 from mqslam.simulator import SensorModel, simulate
 
 NAMES = ("wheels", "drive", "radar only")
@@ -57,7 +59,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
         *("wheels starts (run 1 of 4)", "wheels is finished", "drive starts (run 2 of 4)", "drive is finished"),
         *("gone starts (run 3 of 4)", "gone failed", "radar only starts (run 4 of 4)", "radar only is finished"),
     ]
-    assert shown.out.index("not judged of drive: ") > 0
+    assert re.search(r"(?m)^drive +│ .*│ 1, 2\b", shown.out) and shown.out.count("\nnot judged (1): ") == 1
     return folder
 
 
@@ -90,6 +92,11 @@ def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
         assert runs[name]["not_judged"] == "; ".join(alone["not_judged"])
         assert runs[name]["warnings"] == "; ".join(alone["warnings"])
         assert (work / "out" / runs[name]["trajectory"]).is_file() and (work / "out" / runs[name]["report"]).is_file()
+    for key, notes in summary["notes"].items():
+        for name in NAMES:
+            said = json.loads((work / "out" / name / "summary.json").read_text())[key]
+            assert sorted(said) == sorted(note["text"] for note in notes if name in note["runs"])
+        assert len({note["text"] for note in notes}) == len(notes)
     with (work / "out" / "batch.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == list(runs) and rows[0]["psi_per_point"] == ""
@@ -184,6 +191,37 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
     monkeypatch.setattr("mqslam.detection.stage.detect_stretch", lambda *_: pytest.fail("detected again"))
     assert batch_module.run_one(terms, orders[1]).failure is None
     assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
+
+
+def test_show_tells_which_runs_of_an_interrupted_batch_have_ended(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = shutil.copytree(work / "out", tmp_path / "out")
+    (out / "batch.json").rename(tmp_path / "earlier.json")
+    shutil.rmtree(out / "drive")
+    (tmp_path / "gone").symlink_to(work / "drive")
+    for name in ("runs.yaml", "quick.yaml", "drive"):
+        (tmp_path / name).symlink_to(work / name)
+    (out / "report.html").unlink()
+
+    def run_first(_: object, order: Order) -> RunOutcome:
+        if order.name == "drive":
+            return RunOutcome(failure="is cursed")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mqslam.commands.batch.run_one", run_first)
+    with run_in_this_process(), pytest.raises(KeyboardInterrupt):
+        run_batch(tmp_path / "runs.yaml", out)
+    shown = mqslam("show", out)
+    assert shown.code == 0 and "drive failed: is cursed" in shown.err
+    lines = [line for line in shown.out.splitlines() if "│" in line and line[0] != " "]
+    rows = [[cell.strip() for cell in line.split("│")[:2]] for line in lines]
+    assert [row[0] for row in rows] == ["drive", "wheels", "radar only", "gone"]
+    verdicts = {run["name"]: run["verdict"] for run in json.loads((tmp_path / "earlier.json").read_text())["runs"]}
+    assert [row[1] for row in rows] == ["failed", verdicts["wheels"], verdicts["radar only"], "not finished"]
+    assert shown.out.endswith("1 of 4 runs is not finished; the same command as before continues the batch\n")
+    assert json.loads(mqslam("show", out, "--json").out)["counts"]["not finished"] == 1
+    assert "report: " not in shown.out and mqslam("diff", out, out).code == 2
 
 
 @pytest.mark.slow

@@ -89,8 +89,8 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
 
 
 def test_a_batch_that_was_killed_is_called_unfinished(finished: Path, tmp_path: Path) -> None:
-    check_batch(tmp_path / "out", force=False)
-    shown = mqslam("show", tmp_path / "out")
+    check_batch(tmp_path / "out", [], force=False)
+    shown = mqslam("plot", tmp_path / "out")
     problem = f"mqslam: error: {tmp_path / 'out'}: holds work that is not finished, and no result yet; "
     assert shown.code == 2 and shown.err == f"{problem}wait until the work has ended, or repeat its command\n"
     shutil.copytree(finished, tmp_path / "out" / "drive")

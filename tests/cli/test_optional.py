@@ -313,7 +313,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     write_batch(tmp_path, summary)
     add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
     written = summary_of(tmp_path, "batch.json")
-    assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
+    assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0, "not finished": 0}
     assert written["runs"][0]["psi_per_point"] is None
     (warning,) = written["warnings"]
     assert warning.startswith("the picture of damaged could not be completed (")

@@ -231,14 +231,18 @@ def batched_run(name: str, **changed: Any) -> dict[str, Any]:
 
 def write_batch(folder: Path) -> list[str]:
     runs = [
-        batched_run("good", not_judged="on <assumed> range bins rests its scale"),
+        batched_run("good", not_judged="told once below"),
         batched_run("bad", verdict="fail", reasons="33 of 40 windows are <torn>", length_m=2500.0, loops=0, ate_rmse_m=None),
         batched_run("alone", psi_per_point_odometry=None, duration_s=20.0, warnings="the <clock> drifts"),
         {**dict.fromkeys(batched_run("")), "name": "gone", "failure": HOSTILE},
     ]
     counts = dict.fromkeys(VerdictStatus, 0) | {"pass": 2, "fail": 1, "failed": 1}
+    notes = {
+        "not_judged": [{"text": "on <assumed> range bins rests its scale", "runs": ["good", "alone"]}],
+        "warnings": [{"text": "the <clock> drifts", "runs": ["bad", "alone"]}],
+    }
     summary = {"mqslam_version": "9.8.7", "counts": counts, "duration_s": 140.0, "length_m": 3342.6, "runs": runs}
-    return write_batch_page(folder, "<run>", summary, "runs: []  # <plan>")
+    return write_batch_page(folder, "<run>", summary | {"notes": notes}, "runs: []  # <plan>")
 
 
 def write_merge(folder: Path) -> list[str]:
