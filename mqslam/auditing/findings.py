@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.revisits import RevisitAudit, judge_honesty
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.spans.robust import Estimate
@@ -493,9 +493,14 @@ def judge_revisits(
         farthest = max(r.distance_m for r in excused)
         said = f"the passes of {len(excused)} of them lie up to {farthest:.2f} m apart"
         reason += f", and {said}, which the covariances of the trajectory explain one by one"
+        honesty = judge_honesty(sure)
+        is_explained = honesty is None or honesty.nees <= honesty.most
+        if not is_explained:
+            reason += f", but not all together: over {count_of(len(sure), 'revisit')}, they are too small"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
-            explanation = f"the trajectory drifts, as its own covariances allow: passes lie up to {farthest:.2f} m apart"
+            how = "as its own covariances allow" if is_explained else "and its own covariances are too small"
+            explanation = f"the trajectory drifts, {how}: passes lie up to {farthest:.2f} m apart"
     cause = Cause.PASSES if explanation else None
     return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
 

@@ -11,7 +11,7 @@ from support.reported import swept_walls
 
 from mqslam.auditing.findings import judge_revisits
 from mqslam.auditing.registration import Registration
-from mqslam.auditing.revisits import RevisitAudit, judge_registrations
+from mqslam.auditing.revisits import RevisitAudit, judge_honesty, judge_registrations
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
@@ -134,6 +134,17 @@ def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> 
     assert not any(r.torn for r in unsure) and all(r.excused for r in unsure)
     assert finding.status is VerdictStatus.WARN and "which the covariances of the trajectory explain" in finding.reason
     assert finding.p_value is not None and finding.p_value > 0.05
+    assert "not all together" not in finding.reason and "as its own covariances allow" in finding.explanation
+
+
+def test_revisits_that_covariances_excuse_one_by_one_but_not_together_are_said_to_be_so() -> None:
+    sweeps = passed_twice(40)
+    revisits = judged(sweeps, lay_passes(sweeps, (1.5, 0.0, 0.0)), 0.6)
+    finding, honesty = judge_revisits(revisits, CONFIG.audit, CONFIG.verdict), judge_honesty(revisits)
+    assert honesty is not None and "are too small" in honesty.statement and any(r.excused for r in revisits)
+    assert finding.status is not VerdictStatus.PASS
+    assert f"but not all together: over {len(revisits)} revisits, they are too small" in finding.reason
+    assert "as its own covariances allow" not in finding.explanation
 
 
 def test_a_true_map_passes_with_claims_and_without() -> None:
