@@ -70,8 +70,13 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
     from mqslam.commands.score import score_window
+    from mqslam.config import PsiConfig
+    from mqslam.config.yaml_file import check_tree
 
     variant = {name: given.pop(name) for name in _VARIANT}
+    for name, value in variant.items():
+        if value is not None:
+            check_tree(PsiConfig, f"--{name} {value}", {name: value})  # raises an error that names the option
     scores = score_window(motion=parse_motion(motion), scans=revolutions, variant=variant, **given)
     if not terminal.quiet:
         terminal.print_notes(scores["notes"])

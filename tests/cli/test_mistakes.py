@@ -151,9 +151,13 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("score STREET --start 0 --motion 1,2,3,4", "is not a motion", {}),
     ("score STREET --start 0 --motion fast,0", "--motion fast,0: is not a motion", {}),
     ("score STREET --start 0 --motion nan,0", "is not a motion", {}),
-    ("score STREET --start 0 --motion 1,0 --temporal box", "psi.temporal: must be 'plateau' or 'gaussian'", {}),
-    ("score STREET --start 0 --motion 1,0 --numerator 2", "psi.numerator: ", {}),
-    ("score STREET --start 0 --motion 1,0 --unmatched -1", "psi.unmatched: ", {}),
+    (
+        "score STREET --start 0 --motion 1,0 --temporal box",
+        "error: --temporal box: temporal: must be 'plateau' or 'gaussian'",
+        {},
+    ),
+    ("score STREET --start 0 --motion 1,0 --numerator 2", "error: --numerator 2: numerator: must be ", {}),
+    ("score STREET --start 0 --motion 1,0 --unmatched -1", "error: --unmatched -1.0: unmatched: must be ", {}),
     ("optimise none.g2o", "none.g2o: does not exist; check the path", {}),
     (
         "optimise poses.tum",
