@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.wording import count_of
+
+_ROUNDING: Final = 1e-6  # smaller negative eigenvalues and asymmetries of a covariance, as shares of its trace, are rounding
 
 
 class Status(StrEnum):
@@ -48,6 +51,10 @@ class Measurement:
         apart: (3,) the motion measured backward in time minus the motion measured forward in time [m, m, rad]; half of it
             shows the error of `pose`, which is the mean of the two. Where `pose` is only one of the two, the difference is
             multiplied by the square root of two, so that this still holds. NaN where the motion was measured only once.
+
+    Raises:
+        ValueError: pose or covariance have other shapes, or numbers that are not finite, or the covariance is not symmetric
+            or has a negative variance in some direction.
     """
 
     t0: float
@@ -61,6 +68,26 @@ class Measurement:
     matched: float = float("nan")
     on_map: bool = False
     apart: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+
+    def __post_init__(self) -> None:
+        problem = _find_fault(self.pose, self.covariance)
+        if problem:
+            raise ValueError(f"the motion from {self.t0:.2f} s to {self.t1:.2f} s has {problem}")
+
+
+def _find_fault(pose: object, covariance: object) -> str:
+    """Returns what is wrong with a pose or its covariance, which a front end may give as anything; "" if they are right."""
+    if not isinstance(pose, np.ndarray) or not isinstance(covariance, np.ndarray):
+        return "a pose or a covariance that is no NumPy array"
+    if pose.shape != (3,) or covariance.shape != (3, 3):
+        shapes = f"a pose of shape {pose.shape} and a covariance of shape {covariance.shape}"
+        return f"{shapes}, which must be (3,) and (3, 3)"
+    if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
+        return "a pose or a covariance that is not a number"
+    rounding = _ROUNDING * abs(np.trace(covariance))
+    if np.abs(covariance - covariance.T).max() > rounding:
+        return "a covariance that is not symmetric"
+    return "a covariance with negative variances" if np.linalg.eigvalsh(covariance)[0] < -rounding else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,10 +207,13 @@ class Broken:
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
-        ("pose", "the motion from 1.25 s to 1.50 s has a pose or a covariance that is not a number"),
-        ("covariance", "the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
+        (
+            "pose",
+            "stopped with ValueError: the motion from 1.25 s to 1.50 s has a pose or a covariance that is not a number",
+        ),
+        ("covariance", "stopped with ValueError: the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
         ("number", "gave 5 motions for 20 scans"),
-        ("shape", "gave a pose of shape (3,) and a covariance of shape (2, 2); it must give (3,) and (3, 3)"),
+        ("shape", "stopped with ValueError: the motion from 1.25 s to 1.50 s has a pose of shape (3,) and a covariance"),
         ("nothing", "gave an object of type NoneType; it must give a mqslam.Measurement for every pair of scans"),
         ("status", "gave a motion the status 'lost'; it must be a mqslam.Status, such as Status.LOST"),
         (

@@ -39,10 +39,10 @@ def some_returns(count: int) -> Returns:
 RETURNS = [some_returns(7), some_returns(0), some_returns(1), some_returns(30), some_returns(0)]
 DETECTED = Detected(RETURNS, {4: DataError("drive/radar/4.png", "is not a readable PNG", "copy it anew")})
 MEASUREMENTS = [
-    Measurement(0.0, 0.25, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
-    Measurement(0.25, 0.5, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.DEGENERATE, 1.0 / 3.0),
-    Measurement(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
-    Measurement(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
+    Measurement(0.0, 0.25, RNG.normal(size=3), np.cov(RNG.normal(size=(3, 9))), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
+    Measurement(0.25, 0.5, RNG.normal(size=3), np.cov(RNG.normal(size=(3, 9))), Status.DEGENERATE, 1.0 / 3.0),
+    Measurement(0.5, 0.75, RNG.normal(size=3), np.cov(RNG.normal(size=(3, 9))), Status.AMBIGUOUS),
+    Measurement(0.75, 1.0, RNG.normal(size=3), np.cov(RNG.normal(size=(3, 9))), Status.LOST, points=3),
 ]
 CLOSURES = [
     Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
