@@ -14,7 +14,6 @@ M = TypeVar("M", bound=BaseModel)
 _NAMED: Final = 5  # largest number of unknown settings that an error names
 _PLAIN: Final = {"missing": "is missing", "model_type": "must be a section in the form '{key: value}'"}
 _FORM: Final = "settings in the form 'section: {key: value}'"
-_FORMER: Final = "most settings of former versions are constants now, since nobody had a reason to change them"
 
 
 def parse_tree(name: str | Path, text: str | bytes, form: str = _FORM) -> dict[str, Any]:
@@ -61,7 +60,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     unknown = [".".join(map(str, fault["loc"])) for fault in faults if fault["type"] == "extra_forbidden"]
     if len(unknown) > 1:
         others = f" and {len(unknown) - _NAMED} others" if len(unknown) > _NAMED else ""
-        return f"unknown settings {', '.join(unknown[:_NAMED])}{others}; correct them, or leave them out: {_FORMER}"
+        return f"unknown settings {', '.join(unknown[:_NAMED])}{others}; correct them, or leave them out"
     if unknown:
         (loc,) = (fault["loc"] for fault in faults if fault["type"] == "extra_forbidden")
         name, known = str(loc[-1]), _list_settings(model, loc[:-1])
@@ -71,7 +70,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
         hint = suggest(name, known)
         if len(loc) == 1 and find_near(name, known) is None and (inside := _find_inside(model, name)):
             hint = f"did you mean {' or '.join(inside)}?"
-        return f"unknown setting {unknown[0]}; {hint}" + ("" if hint.endswith("?") else f", or leave it out: {_FORMER}")
+        return f"unknown setting {unknown[0]}; {hint}" + ("" if hint.endswith("?") else ", or leave it out")
     where = ".".join(map(str, faults[0]["loc"]))
     if faults[0]["input"] != faults[0]["input"]:  # only NaN differs from itself
         return f"{where}: is not a number"

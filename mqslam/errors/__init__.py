@@ -111,7 +111,7 @@ class OfLidarError(DataError):
         self,
         path: Path | str,
         problem: str = "is a lidar's recording",
-        remedy: str = "give a radar's recording; only run, compare, localise, merge, batch, audit and info read a lidar's",
+        remedy: str = "give a radar's recording; a lidar's is read by run, compare, localise, merge, batch, audit and info",
     ) -> None:
         super().__init__(path, problem, remedy)
 
