@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from inspect import Parameter
 from pathlib import Path
+from typing import Literal
 
 import typer
 
@@ -19,6 +20,7 @@ _TABLE: Options = {
 _FIGURES: Options = {
     "out": option(Path, ..., "Folder for the figures; it must not exist yet.", "--out", "-o"),
     "seed": option(int, 1, "Seed of the yard and the noise.", min=0),
+    "suffix": option(Literal[".pdf", ".png", ".svg"], ".png", "Form of the pictures."),
 }
 
 
@@ -30,11 +32,12 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
     The paper is "Motion Estimation from Map Quality with Millimeter Wave Radar" (Chandran and Newman, IROS 2006). The table
     lists three constant motions, each with the paper's own result, with the results of an exhaustive search (the paper's
     method) under the published score, and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5
-    degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between buildings. The search tries v from -0.5 to 1.5
-    m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and then goes on around the best pair in steps of
-    0.01 m/s and 0.002 rad/s. "As printed" is the score of equations (4), (8), (9) and (10) with the Gaussian in time;
-    "charged" has our defaults, which are a plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's
-    listing, whose cost differs from equation (10).
+    degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between buildings. The search tries v from -0.5 to
+    1.5 m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and then all pairs up to 0.1 m/s and 0.02
+    rad/s from the best one, which may lie outside these ranges, in steps of 0.01 m/s and 0.002 rad/s. "As printed" is
+    the score of equations (4), (8), (9) and (10) with the Gaussian in time; "charged" has our defaults, which are a
+    plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's listing, whose cost differs from
+    equation (10).
 
     Example: mqslam paper --seeds 1
     """
@@ -55,8 +58,8 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
 
 
 @paper.command(cls=Command)
-@command("out seed force as_json quiet verbose", _FIGURES)
-def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
+@command("out seed suffix force as_json quiet verbose", _FIGURES)
+def figures(terminal: Terminal, *, out: Path, seed: int, suffix: str, force: bool) -> None:
     """Draw the paper's figures 2 and 3 from simulated drives.
 
     All maps are scored with the charge for unmatched points, which the table calls "published, charged". Figure 2 shows the
@@ -69,7 +72,7 @@ def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
     from mqslam.psi.published.paper import write_figures
 
     with claim_folder(out, force=force):
-        captions = list(write_figures(out, seed))
+        captions = list(write_figures(out, seed, suffix))
     terminal.print_results(
         [{"path": str(path), "text": text} for path, text in captions],
         lambda: echo("\n".join(f"{path}: {text}" for path, text in captions)),

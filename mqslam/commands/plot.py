@@ -16,6 +16,7 @@ from mqslam.evaluation import align_positions, trace_errors
 from mqslam.execution.files import write_bytes
 from mqslam.execution.folders import check_new_file
 from mqslam.formats.covariances import read_covariances
+from mqslam.formats.pictures import SUFFIXES
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
 from mqslam.report.canvas import (
@@ -34,7 +35,6 @@ from mqslam.report.canvas import (
 )
 from mqslam.results.files import TRUTH
 
-SUFFIXES: Final = (".pdf", ".png", ".svg")
 _ELLIPSES = 30  # at most this many ellipses are drawn
 _PATH: Final = "distance along the path [m]"
 _REMEDY: Final = "give the folder of a run, a localisation or a merge"

@@ -26,7 +26,8 @@ _RESULTS = """
     trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
     measurements.csv covariances.csv poses.csv graph.g2o graph.csv links.csv changes.csv compare.csv batch.csv
     batch.unfinished audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
-    map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy figure2.png figure3.png boreas-*.txt
+    map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy boreas-*.txt
+    figure2.pdf figure3.pdf figure2.png figure3.png figure2.svg figure3.svg
 """
 _SUMMARIES = ("summary.json", "audit.json", "compare.json")  # of the commands that can be resumed
 _ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of `compare`

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Collection, Sequence
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.statistics import pick_evenly
 from mqslam.core.stored import release
+from mqslam.formats.pictures import encode_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,11 +39,6 @@ _FAINTEST = 0.35  # opacity of a pixel with a single point
 _LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
 _CHART_IN = 1.7  # height of a chart below a map
 _PAD_IN = 0.06  # margin around all that is drawn in a figure for print, so that no label is cut
-_LEFT_OUT: Final = {  # metadata that would differ between two drawings of the same data, by the form of the file
-    ".svg": ("Date", "Creator"),
-    ".pdf": ("CreationDate", "Creator", "Producer"),
-    ".png": ("Software",),
-}
 _LARGEST_ELLIPSE = 0.015  # largest radius of an enlarged ellipse, as a share of the picture's width
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
@@ -311,7 +306,7 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
     _put_legend(world, names)
     for axes, chart in zip(panels[1:], charts, strict=True):
         _fill(axes, chart)
-    return _encode(figure, suffix, facecolor="white", bbox_inches="tight", pad_inches=_PAD_IN)
+    return encode_figure(figure, suffix, DPI, facecolor="white", bbox_inches="tight", pad_inches=_PAD_IN)
 
 
 def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
@@ -473,20 +468,7 @@ def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]
 
 def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
     """Returns a figure as the content of a PNG file; its background is white if `opaque`, else transparent."""
-    return _encode(figure, ".png", transparent=not opaque, facecolor="white" if opaque else "none")
-
-
-def _encode(figure: MplFigure, suffix: str, **look: Any) -> bytes:
-    """Returns a figure as the content of a file of the form `suffix`; `look` is passed on to matplotlib.
-
-    Words stay text instead of outlines, and ids depend on the content only, so that the same data give the same bytes.
-    """
-    import matplotlib as mpl
-
-    file = io.BytesIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam", "pdf.fonttype": 42}):
-        figure.savefig(file, format=suffix[1:], dpi=DPI, metadata=dict.fromkeys(_LEFT_OUT[suffix]), **look)
-    return file.getvalue()
+    return encode_figure(figure, ".png", DPI, transparent=not opaque, facecolor="white" if opaque else "none")
 
 
 _SVG: Final = b"<svg"
@@ -500,7 +482,7 @@ _FONT: Final = re.compile(r"(font(?:-family)?: [^';\"]*)'[^;\"]*")
 
 def _encode_svg(figure: MplFigure) -> bytes:
     """Returns a figure as an SVG element for a page, in which its words can be searched, copied and read aloud."""
-    text = _encode(figure, ".svg", transparent=True).decode("utf-8")
+    text = encode_figure(figure, ".svg", DPI, transparent=True).decode("utf-8")
     text = _NOT_SHOWN.sub("", text[text.index(_SVG.decode()) :])
     text = _SIZE.sub(r"\1", _SIZE.sub(r"\1", text, count=1), count=1)
     text = _FONT.sub(r"\1sans-serif", _NAMED_GROUP.sub("<g>", text))

@@ -24,9 +24,10 @@ from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.errors import Remedy
-from mqslam.execution.files import blame_output, write_aside
+from mqslam.execution.files import blame_output, write_bytes
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.formats.pictures import encode_figure
 from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import beam_of
@@ -327,8 +328,13 @@ def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
     ]
 
 
-def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
-    """Writes figure2.png and figure3.png into a folder, which is created if necessary; `seed` is the seed of the yard.
+def write_figures(out: Path, seed: int = 1, suffix: str = ".png") -> Iterator[tuple[Path, str]]:
+    """Writes figures 2 and 3, such as figure2.png and figure3.png, into a folder, which is created if necessary.
+
+    Args:
+        out: the folder.
+        seed: seed of the yard and the noise.
+        suffix: form of the files: `.pdf`, `.png` or `.svg`.
 
     Yields:
         The path of each figure, and one line of text with the scores that the figure shows.
@@ -340,12 +346,12 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
         out.mkdir(parents=True, exist_ok=True)
     maps = render_figure2(seed)
     label = f"v {_MOTION_2[0]:g} m/s, omega {_MOTION_2[1]:g} rad/s"
-    yield _write_figure(out / "figure2.png", [maps], [label]), _format_scores(maps)
+    yield _write_figure(out / f"figure2{suffix}", [maps], [label]), _format_scores(maps)
     pairs = render_figure3(seed)
     labels = [f"v {v:g} m/s, omega {omega:g} rad/s" for v, omega in CASES]
     columns = [[before for before, _ in pairs], [after for _, after in pairs]]
     text = "; ".join(_format_scores(pair) for pair in pairs)
-    yield _write_figure(out / "figure3.png", columns, labels), text
+    yield _write_figure(out / f"figure3{suffix}", columns, labels), text
 
 
 def _format_scores(maps: Sequence[Rendering]) -> str:
@@ -355,20 +361,17 @@ def _format_scores(maps: Sequence[Rendering]) -> str:
 
 def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
     """Writes a figure of maps in rows and returns its path; `labels` holds one text for the figure or one per column."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     across, down = len(rows[0]), len(rows)
     figure = Figure(figsize=(_PANEL_IN * across, (_PANEL_IN + 0.4) * down + 0.7), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(down, across, squeeze=False)
     for i, row in enumerate(rows):
         for k, shown in enumerate(row):
             _draw_map(axes[i, k], shown)
             axes[i, k].label_outer()
     _label_figure(figure, axes, labels)
-    with write_aside(path) as aside:
-        figure.savefig(aside, format="png", dpi=_DPI, facecolor="white")
+    write_bytes(path, encode_figure(figure, path.suffix, _DPI, facecolor="white"))
     return path
 
 

@@ -15,6 +15,7 @@ from mqslam.psi.published.paper import (
     CHARGED,
     PAPER,
     VARIANTS,
+    Rendering,
     compute_figure2,
     render_figure2,
     render_figure3,
@@ -59,6 +60,21 @@ def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -
             assert np.asarray(image.convert("L")).std() > 5.0
     scores = "psi " + " > ".join(f"{shown.psi:.0f}" for shown in render_figure2())
     assert f"{out / 'figure2.png'}: {scores}\n" in shown.out
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+def test_figures_are_written_in_other_forms_to_the_same_bytes(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maps = [Rendering(name, np.zeros(2), np.ones((4, 2)), np.arange(4), 1.0) for name in "abc"]
+    monkeypatch.setattr("mqslam.psi.published.paper.render_figure2", lambda _: maps)
+    monkeypatch.setattr("mqslam.psi.published.paper.render_figure3", lambda _: [(maps[0], maps[1])] * 3)
+    for name in ("one", "two"):
+        assert mqslam("paper", "figures", "--out", tmp_path / name, "--suffix", suffix).code == 0
+    written = read_contents(tmp_path / "one")
+    assert sorted(written) == [f"figure2{suffix}", f"figure3{suffix}"] and written == read_contents(tmp_path / "two")
+    assert all(content.startswith(b"%PDF" if suffix == ".pdf" else b"<?xml") for content in written.values())
+    assert mqslam("paper", "figures", "--out", tmp_path / "three", "--suffix", ".bmp").code == 2
 
 
 def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
