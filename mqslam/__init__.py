@@ -9,9 +9,10 @@ Public names, all typed; none of them prints anything:
 
 - `run`, `audit`, `compare` and `localise` take the path of a recording and a folder for the results, and return the results
   that they have written there.
+- `batch` runs all recordings that a file lists.
 - `merge` makes one map from the results of several recordings; `read_result` reads any result again from its folder.
 - `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return, and
-  `BatchResult` is what `mqslam batch` has written; each is a `Result`, and a verdict is a `VerdictStatus`.
+  `BatchResult` is what `batch` returns; each is a `Result`, and a verdict is a `VerdictStatus`.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `detect` returns the scans of a recording with their returns; `score` computes psi of a window of scans under a motion,
   as a `PsiScore`.
@@ -34,6 +35,7 @@ from mqslam.execution.kernel_cache import choose_cache
 if TYPE_CHECKING:  # importing a name as itself marks it as public for type checkers
     from mqslam.auditing.verdict import VerdictStatus as VerdictStatus
     from mqslam.commands.audit import audit as audit
+    from mqslam.commands.batch import batch as batch
     from mqslam.commands.compare import compare as compare
     from mqslam.commands.detect import detect as detect
     from mqslam.commands.localise import localise as localise
@@ -79,6 +81,7 @@ choose_cache()  # must be called before any kernel is imported
 _MODULES = {
     "VerdictStatus": "auditing.verdict",
     "audit": "commands.audit",
+    "batch": "commands.batch",
     "compare": "commands.compare",
     "detect": "commands.detect",
     "localise": "commands.localise",

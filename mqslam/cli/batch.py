@@ -47,10 +47,10 @@ def batch(terminal: Terminal, *, fail_on: Literal["warn", "fail"] | None, **give
     Example: mqslam batch runs.yaml --out results
     """
     from mqslam.auditing.verdict import VerdictStatus
-    from mqslam.commands.batch import run_batch
+    from mqslam.commands.batch import batch as do
 
     with terminal.open_work() as work:
-        result = run_batch(work=work, **given)
+        result = do(work=work, **given)
     summary = result.summary
 
     terminal.print_results(summary, lambda: print_batch(terminal, result))

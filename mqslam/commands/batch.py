@@ -16,7 +16,7 @@ from pydantic import Field
 from mqslam.commands.inputs import CHOICES, Inputs, read_extrinsics
 from mqslam.commands.result import BatchResult
 from mqslam.commands.run import Job, execute, open_job
-from mqslam.commands.work import QUIET, Work
+from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, Section, change_config, list_shipped, load_config
 from mqslam.config.yaml_file import check_tree, parse_tree
 from mqslam.core import frontend as frontends
@@ -30,6 +30,7 @@ from mqslam.errors import (
     find_near,
     raise_interrupt,
     suggest,
+    to_path,
     untrusted,
 )
 from mqslam.execution.folders import CHECKPOINT, claim_folder
@@ -206,24 +207,29 @@ class Terms:
     force: bool
 
 
-def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> BatchResult:
+def batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> BatchResult:
     """Runs many recordings and writes one report on all; if a run fails, the report says why and the other runs go on.
 
     Args:
-        plan: the YAML file that lists the runs.
+        plan: the YAML file that lists the runs, in the form of docs/how-to/batch.md.
         out: folder of the results, with a folder for every run; runs that are finished there are kept.
         force: whether results that exist already are replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        The result that was written to `out`.
+        The result that was written to `out`. A run that failed is no error: its reason is in the result.
 
     Raises:
         ConfigError: the plan cannot be read or holds a mistake.
         OutputError: the folder holds other results or cannot be written.
         ClusterError: the cluster is lost; the same call continues the batch.
+
+    Example:
+        >>> batched = mqslam.batch("runs.yaml", "results")  # doctest: +SKIP
+        >>> print(batched.verdicts, batched.read_run("drive1").reasons)  # doctest: +SKIP
     """
-    plan, out = Path(plan), Path(out)
+    plan, out = to_path(plan, "plan"), to_path(out, "out")
+    require_work(work)
     orders, text = read_plan(plan)
     with lock_output(out.absolute()):
         check_batch(out, orders, force=force)

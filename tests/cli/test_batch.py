@@ -14,7 +14,8 @@ import pytest
 from support.clusters import cluster
 from support.commands import INSTALLED, Result, list_processes, mqslam, read_contents, run_in_this_process
 
-from mqslam.commands.batch import read_plan, run_batch
+import mqslam as package
+from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
 from mqslam.errors import ConfigError
 from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH
@@ -211,7 +212,7 @@ def test_show_tells_which_runs_of_an_interrupted_batch_have_ended(
 
     monkeypatch.setattr("mqslam.commands.batch.run_one", run_first)
     with run_in_this_process(), pytest.raises(KeyboardInterrupt):
-        run_batch(tmp_path / "runs.yaml", out)
+        package.batch(tmp_path / "runs.yaml", out)
     shown = mqslam("show", out)
     assert shown.code == 0 and "drive failed: is cursed" in shown.err
     lines = [line for line in shown.out.splitlines() if "│" in line and line[0] != " "]

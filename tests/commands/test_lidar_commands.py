@@ -14,7 +14,6 @@ from support.recordings import write_oxford
 from support.rooms import PERIOD_US, write_carmen
 
 import mqslam
-from mqslam.commands.batch import run_batch
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
@@ -135,7 +134,7 @@ def test_a_batch_runs_a_lidars_recording(rooms: tuple[Path, Trajectory], tmp_pat
         "  - data: short.log\n    name: wheels\n    frontend: odometry\n"
         "    set: {sensor.range_offset_m: 0.1, detector.threshold: 60}\n"
     )
-    result = run_batch(tmp_path / "runs.yaml", tmp_path / "out")
+    result = mqslam.batch(tmp_path / "runs.yaml", tmp_path / "out")
     assert [run["failure"] for run in result.summary["runs"]] == [None, None]
     none = "the recording is a lidar's, on which settings of radars have no effect: "
     idle = f"{none}sensor.range_offset_m and detector.threshold"
