@@ -9,12 +9,11 @@ from typing import Final, Literal
 import numpy as np
 
 from mqslam.commands.inputs import WHOLE, open_data
-from mqslam.commands.result import check_whole
 from mqslam.config import ConfigSource, load_config
 from mqslam.core.point_map import PointMap
 from mqslam.errors import ConfigError, DataError, Remedy
 from mqslam.execution.files import blame_output
-from mqslam.execution.folders import check_new_file
+from mqslam.execution.folders import check_new_file, check_whole
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.formats.conversion import claim_target, find_target, write_recording
 from mqslam.formats.covariances import read_covariances, write_wide

@@ -13,15 +13,14 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import ConfigError, DataError, Remedy, suggest, to_path, untrusted
-from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH, find_unfinished
+from mqslam.errors import ConfigError, DataError, suggest, to_path, untrusted
+from mqslam.execution.folders import SUMMARIES, UNFINISHED_BATCH, check_whole, suggest_inner
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.batch_results import NOT_FINISHED, number_notes, state_of
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
-_SUMMARIES: Final = ("summary.json", "audit.json", "compare.json", "batch.json")
 _RUNS_SHOWN: Final = 5  # names of runs that a batch's facts list for each verdict
 _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
 
@@ -281,42 +280,14 @@ def read_unfinished_batch(folder: Path) -> BatchResult | None:
     return BatchResult(folder, _read_summary(path, ("warnings", "runs", "counts"))) if path.is_file() else None
 
 
-def check_whole(folder: Path) -> None:
-    """Checks that a folder is not one of a command that has not ended.
-
-    Raises:
-        DataError: the folder is the hidden one in which a command writes its result until it is whole, or it holds
-            unfinished work and no result.
-    """
-    if (place := find_unfinished(folder)) is not None:
-        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
-    is_begun = (folder / CHECKPOINT).is_dir() or (folder / UNFINISHED_BATCH).is_file()
-    if is_begun and not any((folder / name).is_file() for name in _SUMMARIES):
-        raise _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
-
-
 def _explain_missing(folder: Path) -> DataError:
     """Returns the error that says why a folder holds no result."""
     if not folder.exists():
         return DataError(folder, "does not exist", "check the path")
     if not folder.is_dir():
         return DataError(folder, "is a file", _REMEDY)
-    problem = "holds no result (summary.json, audit.json, compare.json or batch.json)"
-    return DataError(folder, problem, _suggest_inner(folder) or _REMEDY)
-
-
-def _explain_unfinished(folder: Path, problem: str, place: Path) -> DataError:
-    """Returns the error for a folder with unfinished work, whose result is to become the folder `place`."""
-    again = f"repeat its command and {Remedy.RESUME}" if (place / CHECKPOINT).is_dir() else "repeat its command"
-    inner = _suggest_inner(folder)
-    return DataError(folder, problem, f"wait until the work has ended, or {again}{', or ' if inner else ''}{inner}")
-
-
-def _suggest_inner(folder: Path) -> str:
-    """Returns advice that names a folder with a result in the given folder; "" if there is none that is not hidden."""
-    found = {path.parent.name for name in _SUMMARIES for path in folder.glob(f"*/{name}")}
-    inner = min((name for name in found if not name.startswith(".")), default=None)
-    return "" if inner is None else f"give a folder in it that holds a result, such as {inner}"
+    problem = f"holds no result ({', '.join(SUMMARIES[:-1])} or {SUMMARIES[-1]})"
+    return DataError(folder, problem, suggest_inner(folder) or _REMEDY)
 
 
 def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:

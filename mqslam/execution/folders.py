@@ -15,21 +15,21 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from mqslam.errors import OutputError, Remedy
+from mqslam.errors import DataError, OutputError, Remedy
 from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
 
 CHECKPOINT = "checkpoint"  # name of the folder in an unfinished result folder
 UNFINISHED_BATCH = "batch.unfinished"  # name of the file in the folder of a batch until batch.json is written
+SUMMARIES = ("summary.json", "audit.json", "compare.json", "batch.json")  # one of them is in the folder of every result
 _RESULTS = """
-    summary.json audit.json compare.json batch.json config.yaml run.log report.html
+    config.yaml run.log report.html
     trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
     measurements.csv covariances.csv poses.csv graph.g2o graph.csv links.csv changes.csv compare.csv batch.csv
     batch.unfinished audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
     map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy boreas-*.txt
     figure2.pdf figure3.pdf figure2.png figure3.png figure2.svg figure3.svg
 """
-_SUMMARIES = ("summary.json", "audit.json", "compare.json")  # of the commands that can be resumed
 _ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of `compare`
 _RECORDINGS = """
     radar.timestamps radar/*.png gt/radar_odometry.csv gt/poses_tum.txt odom.csv imu.csv gnss.csv recording.json
@@ -40,7 +40,7 @@ _OF_CHECKPOINT = """
     checkpoint/run.json checkpoint/returns-*-*.npz checkpoint/measurements.npz checkpoint/loops.npz
     checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
 """
-_NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
+_NAMES = (*SUMMARIES, *_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
 _UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of temporary folders, and words before their names in a lock
 
 
@@ -162,17 +162,38 @@ def _name_beside(out: Path, word: str) -> Path:
     return path
 
 
-def find_unfinished(folder: Path) -> Path | None:
-    """Finds the path that an unfinished result will have when it is complete.
+def holds_result(folder: Path) -> bool:
+    """Returns whether a folder holds the result of a command; newer work may go on in the folder nevertheless."""
+    return any((folder / name).is_file() for name in SUMMARIES)
 
-    Args:
-        folder: any folder, perhaps a hidden one in which a command writes its result until the result is complete.
 
-    Returns:
-        The path of the complete result; None if `folder` is no such hidden folder.
+def check_whole(folder: Path) -> None:
+    """Checks that a folder is not one of a command that has not ended.
+
+    Raises:
+        DataError: the folder is the hidden one in which a command writes its result until it is whole, or it holds
+            unfinished work and no result.
     """
-    match = re.fullmatch(rf"\.(.+)\.{_UNFINISHED}(\.\d+)?", folder.resolve().name)
-    return folder.resolve().with_name(match[1]) if match else None
+    if match := re.fullmatch(rf"\.(.+)\.{_UNFINISHED}(\.\d+)?", folder.resolve().name):
+        place = folder.resolve().with_name(match[1])  # becomes the folder of the result
+        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
+    is_begun = (folder / CHECKPOINT).is_dir() or (folder / UNFINISHED_BATCH).is_file()
+    if is_begun and not holds_result(folder):
+        raise _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)
+
+
+def _explain_unfinished(folder: Path, problem: str, place: Path) -> DataError:
+    """Returns the error for a folder with unfinished work, whose result is to become the folder `place`."""
+    again = f"repeat its command and {Remedy.RESUME}" if (place / CHECKPOINT).is_dir() else "repeat its command"
+    inner = suggest_inner(folder)
+    return DataError(folder, problem, f"wait until the work has ended, or {again}{', or ' if inner else ''}{inner}")
+
+
+def suggest_inner(folder: Path) -> str:
+    """Returns advice that names a folder with a result in the given folder; "" if there is none that is not hidden."""
+    found = {path.parent.name for name in SUMMARIES for path in folder.glob(f"*/{name}")}
+    inner = min((name for name in found if not name.startswith(".")), default=None)
+    return "" if inner is None else f"give a folder in it that holds a result, such as {inner}"
 
 
 def _check_place(out: Path, sources: Sequence[Path]) -> None:
@@ -201,7 +222,7 @@ def _check_free(out: Path, *, force: bool, resume: bool) -> None:
     is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)
     if is_in_use or (out.exists() and not out.is_dir()):
         remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
-        is_finished = resume and not unfinished and any((out / name).is_file() for name in _SUMMARIES)
+        is_finished = resume and not unfinished and holds_result(out)
         what = " and holds a finished result, so that there is nothing to resume" if is_finished else ""
         raise OutputError(f"{out}: exists already{what}", remedy)
 

@@ -83,9 +83,6 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
     assert "summary.json: is a file; give the folder of a result" in refuse(finished / "summary.json")
     assert f"{finished.parent}: holds no result (" in refuse(finished.parent)
     assert f"; give a folder in it that holds a result, such as {finished.name}" in refuse(finished.parent)
-    (tmp_path / "unfinished" / CHECKPOINT).mkdir(parents=True)
-    remedy = "wait until the work has ended, or repeat its command and continue with --resume"
-    assert f"unfinished: holds work that is not finished, and no result yet; {remedy}" in refuse(tmp_path / "unfinished")
 
 
 def test_a_batch_that_was_killed_is_called_unfinished(finished: Path, tmp_path: Path) -> None:

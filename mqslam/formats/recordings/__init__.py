@@ -12,7 +12,7 @@ from typing import cast
 from mqslam.core.recording import Recording
 from mqslam.core.wording import join_words
 from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, require_type, suggest, to_path, untrusted
-from mqslam.execution.folders import CHECKPOINT
+from mqslam.execution.folders import check_whole, holds_result
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen, read_lidar
 from mqslam.formats.recordings.derived import apply_clockwise, clip
@@ -158,8 +158,7 @@ def _find_root(path: Path) -> Path:
 
 def _is_result(path: Path) -> bool:
     """Returns whether a path is a folder that mqslam wrote: the result of a command, or the keyframes of a map."""
-    summaries = ("summary.json", "audit.json", "compare.json")
-    written = (path / "config.yaml").is_file() and any((path / name).is_file() for name in summaries)
+    written = holds_result(path) and any((path / name).is_file() for name in ("config.yaml", "batch.csv"))
     return written or all((path / name).is_file() for name in ("index.json", "keyframes.npy"))
 
 
@@ -169,11 +168,9 @@ def _guess_layout(path: Path) -> Layout:
         layout = _load(format)
         if layout.recognises(path):
             return layout
+    check_whole(path)
     if _is_result(path):
         raise DataError(path, "is a result of mqslam, not a recording", "give the recording that it was made from")
-    if (path / CHECKPOINT).is_dir():
-        remedy = "give the recording that it is made from, or resume the run before its result is used"
-        raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
     if carmen.recognises(path):
         raise OfLidarError(path)
     if packed := explain_packed(path):

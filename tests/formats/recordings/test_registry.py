@@ -9,7 +9,7 @@ import pytest
 from support.commands import mqslam
 
 from mqslam.errors import ConfigError, DataError
-from mqslam.execution.folders import CHECKPOINT
+from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH
 from mqslam.formats.conversion import find_target
 from mqslam.formats.recordings import FORMATS, list_targets, open_recording
 
@@ -69,7 +69,13 @@ def test_an_unknown_layout_is_answered_with_the_nearest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "names", [("summary.json", "config.yaml"), ("audit.json", "config.yaml"), ("index.json", "keyframes.npy")]
+    "names",
+    [
+        ("summary.json", "config.yaml"),
+        ("audit.json", "config.yaml"),
+        ("batch.json", "batch.csv"),
+        ("index.json", "keyframes.npy"),
+    ],
 )
 def test_a_result_in_place_of_a_recording_is_named_as_one(tmp_path: Path, names: tuple[str, ...]) -> None:
     for name in names:
@@ -78,9 +84,13 @@ def test_a_result_in_place_of_a_recording_is_named_as_one(tmp_path: Path, names:
         open_recording(tmp_path)
 
 
-def test_an_unfinished_run_in_place_of_a_recording_is_named_as_one(tmp_path: Path) -> None:
-    (tmp_path / "result" / CHECKPOINT).mkdir(parents=True)
-    shown = mqslam("info", tmp_path / "result")
-    assert shown.code == 2 and "result: is an unfinished run of mqslam, not a recording" in shown.err
-    shown = mqslam("convert", tmp_path / "result", tmp_path / "out.bag")
-    assert shown.code == 2 and "result: holds work that is not finished, and no result yet; wait until" in shown.err
+@pytest.mark.parametrize("content", [f"result/{CHECKPOINT}/run.json", f"result/{UNFINISHED_BATCH}"])
+@pytest.mark.parametrize("command", ["info", "convert", "show"])
+def test_unfinished_work_is_named_by_all_commands_in_the_same_words(tmp_path: Path, content: str, command: str) -> None:
+    (tmp_path / content).parent.mkdir(parents=True)
+    (tmp_path / content).touch()
+    shown = mqslam(command, tmp_path / "result", *([tmp_path / "out.bag"] if command == "convert" else []))
+    problem = (
+        "result: holds work that is not finished, and no result yet; wait until the work has ended, or repeat its command"
+    )
+    assert shown.code == 2 and problem in shown.err and (CHECKPOINT in content) == ("--resume" in shown.err)
