@@ -149,8 +149,9 @@ def _describe_final_psi(final: dict[str, float | None]) -> str:
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns verdict, final psi, worst places and mending as text, given the content of audit.json."""
+    """Returns verdict, final psi, worst places, covariances and mending as text, given the content of audit.json."""
     from mqslam.auditing.table import TESTS
+    from mqslam.results.audit_gate import list_outcomes
 
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":
@@ -161,9 +162,10 @@ def _format_results(summary: dict[str, Any]) -> str:
     is_mendable = not found_bad.isdisjoint(test.name for test in TESTS if test.is_mendable)
     if can_mend and is_mendable and not names_remedy:
         rows.append(("to mend it", "audit again with --mend, which writes a corrected trajectory"))
+    rows += list_outcomes(summary)
     if "mended" in summary:
         verdict = summary["mended"]["verdict"]
-        rows += [("mended", summary["mended"]["sentence"]), ("verdict then", f"{verdict['status']}: {verdict['diagnosis']}")]
+        rows.append(("verdict then", f"{verdict['status']}: {verdict['diagnosis']}"))
     return format_rows(rows, 14)
 
 

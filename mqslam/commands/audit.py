@@ -201,7 +201,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             ),
             "notes": notes,
             "gyroscope": None if turning is None else summarise_check(turning),
-            "covariances": _judge_honesty(judged, notes, work),
+            "covariances": _judge_honesty(judged, notes),
         }
         summary |= {
             "not_judged": summary["not_judged"] + _list_unknown_covariances(summary, relative),
@@ -286,7 +286,7 @@ def _compare(
     return {"path": path, "worse": list_worse(summary, earlier)}
 
 
-def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[str, Any] | None:
+def _judge_honesty(judged: judge.Audit, notes: list[str]) -> dict[str, Any] | None:
     """Compares the covariances that a trajectory states with its errors at revisits, and adds the outcome to `notes`.
 
     Returns:
@@ -296,7 +296,6 @@ def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[st
     if honesty is None:
         return None
     notes.append(honesty.statement)
-    work.tell(honesty.statement)
     return asdict(honesty)
 
 

@@ -56,17 +56,29 @@ def name_audited(summary: Mapping[str, Any]) -> str:
     return f"{dataset['path']} ({dataset['format']}){'' if trajectory is None else f' under {trajectory}'}"
 
 
+def list_outcomes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns what an audit says besides its verdict, as pairs (name, sentence).
+
+    The sentences say whether stated covariances are right, and what mending did; each is left out if there is none.
+
+    Args:
+        summary: content of audit.json.
+    """
+    covariances, mended = (summary.get(name) or {} for name in ("covariances", "mended"))
+    sentences = {"covariances": covariances.get("statement"), "mended": mended.get("sentence")}
+    return [(name, sentence) for name, sentence in sentences.items() if sentence]
+
+
 def format_markdown(summary: Mapping[str, Any]) -> str:
     """Returns audit.json as Markdown: the verdict, what was audited, notes, what is worse than before, and the tests.
 
-    The notes say whether stated covariances are right, what mending did, and what the audit warns of.
+    The notes are those of `list_outcomes`, and the warnings.
     """
     verdict, baseline = summary["verdict"], summary.get("baseline")
     blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
     blocks.append([f"Audited: {_plain(name_audited(summary))}"])
-    covariances, mended = (summary.get(name) or {} for name in ("covariances", "mended"))
-    notes = [covariances.get("statement"), mended.get("sentence"), *summary.get("warnings", [])]
-    blocks += [[f"- {_plain(note)}" for note in notes if note]] if any(notes) else []
+    notes = [*(text for _, text in list_outcomes(summary)), *summary.get("warnings", [])]
+    blocks += [[f"- {_plain(note)}" for note in notes]] if notes else []
     if baseline is not None:
         what = "this is worse:" if baseline["worse"] else "nothing is worse."
         blocks += [[f"Compared with {_plain(baseline['path'])}, {what}"]]

@@ -39,6 +39,10 @@ def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
     assert "\nmended        " in mending.out and "\nverdict then  " in mending.out and "mended" not in plain.out
     before = json.loads((tmp_path / "plain" / "audit.json").read_text())
     after = json.loads((tmp_path / "mended" / "audit.json").read_text())
+    judged = after | {"covariances": {"statement": "the covariances of the trajectory are too small"}}
+    (tmp_path / "plain" / "audit.json").write_text(json.dumps(judged))
+    listed = mqslam("show", tmp_path / "plain").out
+    assert f"\ncovariances   {judged['covariances']['statement']}\nmended        {after['mended']['sentence']}\n" in listed
     mended = after.pop("mended")
     assert after == before
     assert set(read_contents(tmp_path / "mended")) - set(read_contents(tmp_path / "plain")) == {"mended.tum"}
