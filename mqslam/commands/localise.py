@@ -183,8 +183,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
         localised = find_in_map(scans, motions, made.scale(1.0 / unit_m), estimator, beam, runner).scale_lengths(unit_m)
     except NotInMapError as error:
         assumed = f"the length of a range bin, {recording.range_resolution:g} m, is assumed: {Remedy.GIVE_RANGE_RESOLUTION}"
-        hints = (assumed,) if recording.is_resolution_assumed else ()
-        if recording.left_out and len(recording) < WINDOW:
-            hints = (*hints, explain_rest(len(recording), recording.left_out))
+        hints = [assumed] if recording.is_resolution_assumed else []
+        hints += explain_rest(len(recording), recording.left_out, WINDOW)
         raise NotInMapError(f"{recording.path}: {error.message}", *error.remedies, *hints) from error
     return localised, detected.unread

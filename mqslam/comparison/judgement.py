@@ -108,8 +108,8 @@ def take_common_scans(rows: Sequence[Row], scans: Scans, left_out: int = 0) -> S
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < WINDOW:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few for a comparison"
-        remedy = explain_rest(len(scans), left_out) if left_out else f"give a recording of at least {WINDOW} scans"
-        raise EstimationError(f"{too_few}; {remedy}")
+        rest = explain_rest(len(scans), left_out, WINDOW) or [f"give a recording of at least {WINDOW} scans"]
+        raise EstimationError(too_few, *rest)
     if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(

@@ -62,15 +62,18 @@ def describe_left_out(dataset: Mapping[str, Any]) -> str:
     return f" (of {used + left_out}; the others are left out, since the lidar had hardly moved)"
 
 
-def explain_rest(used: int, left_out: int) -> str:
-    """Returns a sentence that says how many of a lidar's scans are left out, why, and what to do about it.
+def explain_rest(used: int, left_out: int, least: int) -> list[str]:
+    """Returns a list with a sentence that says how many of a lidar's scans are left out, why, and what to do about it.
 
     Args:
         used: number of scans that are used.
         left_out: number of scans that are left out.
+        least: number of scans that are needed. If so many are used, or none is left out, the list is empty.
     """
+    if not left_out or used >= least:
+        return []
     left = f"{left_out} of {used + left_out} scans are left out, since the lidar had hardly moved"
-    return f"{left}: give a recording, or a stretch of it, in which it moves farther"
+    return [f"{left}: give a recording, or a stretch of it, in which it moves farther"]
 
 
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:

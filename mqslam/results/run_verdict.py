@@ -82,8 +82,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    if recording.left_out and len(recording) < WINDOW:
-        warnings.append(explain_rest(len(recording), recording.left_out))
+    warnings += explain_rest(len(recording), recording.left_out, WINDOW)
     warnings += _warn_of_gaps(recording.gaps(), recording.sensor_name)
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""

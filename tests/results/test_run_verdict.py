@@ -169,12 +169,17 @@ def test_stretches_that_are_near_each_other_are_one_warning() -> None:
     ]
 
 
+class Recorded(SimpleNamespace):
+    """A recording of 20 scans."""
+
+    def __len__(self) -> int:
+        return 20
+
+
 @pytest.mark.parametrize(("edges", "carried"), [(range(3), True), (range(2), False), (None, False)])
 def test_velocities_by_chirps_are_said_to_carry_what_psi_does_not_observe(edges, carried):
     velocities = VelocityUse("chirps", (), None if edges is None else dict.fromkeys(edges))
-    recording = SimpleNamespace(
-        faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0, sensor_name="radar", left_out=0
-    )
+    recording = Recorded(faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0, sensor_name="radar", left_out=0)
     poses = SimpleNamespace(poses=np.c_[5.0 * np.arange(20.0), np.zeros((20, 2))])
     driven = run(20, degenerate=3, sensors=SensorUse(velocities=velocities), warnings=(), optimised=poses)
     (warning,) = list_warnings(driven, recording)
