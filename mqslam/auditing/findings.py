@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -108,7 +108,7 @@ def judge_steps(
 
     Args:
         steps: all steps that were registered.
-        jumps: the steps at which the map jumps, as `find_torn_steps` returns them.
+        jumps: the steps at which the map jumps, as `pick_jumps` returns them.
         settings: settings of the audit, with the tolerances of jumps.
         limits: settings of the verdict.
     """
@@ -170,10 +170,8 @@ def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
     )
 
 
-def find_torn_steps(
-    steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig, *, fit_best: bool = False
-) -> list[StepAudit]:
-    """Returns the steps at which a map jumps. Of steps that share scans, the one that is off the farthest is returned.
+def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
+    """Returns the steps that show a jump of the map; steps that share scans may show the same jump.
 
     At a jump, (1) the offset is larger than chance explains and larger than `settings.jump_m`, (2) the two sides fit better
     with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as those of
@@ -184,8 +182,6 @@ def find_torn_steps(
         steps: the steps in the order of time.
         settings: settings of the audit.
         limits: settings of the verdict.
-        fit_best: whether, of steps that share scans, the one that fits best once corrected is returned instead. Its offset
-            may be smaller than that of the jump, but is measured best.
     """
 
     def is_off(step: StepAudit) -> bool:
@@ -196,13 +192,18 @@ def find_torn_steps(
             is_large = registration.size_m > (settings.jump_m if step.lasts else settings.torn_m)
         return is_large and _fits_better_moved(step, limits)
 
-    off = [step for step in steps if is_off(step)]
+    return [step for step in steps if is_off(step)]
 
-    def rank(step: StepAudit) -> float:
-        return -step.registration.psi_best if fit_best else step.registration.size_m
 
+def pick_jumps(torn: Sequence[StepAudit], rank: Callable[[StepAudit], float]) -> list[StepAudit]:
+    """Returns the step of the highest rank for each jump.
+
+    Args:
+        torn: the steps that show jumps, in the order of time. Those that share scans show the same jump.
+        rank: returns the rank of a step.
+    """
     jumps: list[StepAudit] = []
-    for step in off:
+    for step in torn:
         if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # the two steps share scans
             jumps[-1] = max(jumps[-1], step, key=rank)
         else:

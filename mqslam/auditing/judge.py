@@ -23,6 +23,7 @@ from mqslam.auditing.findings import (
     judge_steps,
     judge_sums,
     judge_windows,
+    pick_jumps,
 )
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
 from mqslam.auditing.gyroscope_check import check_gyroscope, judge_gyroscope
@@ -170,7 +171,7 @@ def audit(
     capture = find_capture_range(sweeps.revolution_s, estimator)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture))
     steps = audit_steps(shared, ~interpolated, share_of_false_alarms(limits), engine, progress)
-    jumps = find_torn_steps(steps, settings, limits)
+    jumps = pick_jumps(find_torn_steps(steps, settings, limits), lambda step: step.registration.size_m)
     tests = {
         "trajectory": _judge_trajectory(sweeps, steps, settings),
         "speeds": judge_speeds(speeds, capture, is_of_run=known.is_of_run),

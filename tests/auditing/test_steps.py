@@ -11,7 +11,7 @@ import pytest
 from support.drives import street_drive
 
 from mqslam.auditing import steps as steps_module
-from mqslam.auditing.findings import find_torn_steps, judge_steps
+from mqslam.auditing.findings import find_torn_steps, judge_steps, pick_jumps
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -60,9 +60,14 @@ def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
     )
 
 
+def find_jumps(steps: list[StepAudit]) -> list[StepAudit]:
+    """Finds the steps at which a map jumps, as an audit does."""
+    return pick_jumps(find_torn_steps(steps, CONFIG.audit, CONFIG.verdict), lambda step: step.registration.size_m)
+
+
 def test_a_map_without_a_jump_shows_none() -> None:
     steps = judged((0.0, 0.0, 0.0))
-    finding = judge_steps(steps, find_torn_steps(steps, CONFIG.audit, CONFIG.verdict), CONFIG.audit, CONFIG.verdict)
+    finding = judge_steps(steps, find_jumps(steps), CONFIG.audit, CONFIG.verdict)
     assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump of more than 0.1 m at any of")
     assert max(step.registration.size_m for step in steps) < 0.1
 
@@ -79,7 +84,7 @@ def test_a_map_without_a_jump_shows_none() -> None:
 )
 def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], status: VerdictStatus) -> None:
     steps = judged(jump)
-    found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
+    found = find_jumps(steps)
     assert [abs(step.registration.later - PLACE) <= 1 for step in found] == [True]
     assert judge_steps(steps, found, CONFIG.audit, CONFIG.verdict).status is status
     at = min(steps, key=lambda step: abs(step.registration.later - PLACE))
@@ -103,7 +108,7 @@ def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
         LocalEngine(2),
         ignore_progress,
     )
-    assert [step.registration.later for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)] == [place]
+    assert [step.registration.later for step in find_jumps(steps)] == [place]
     judged = [step.registration.later for step in steps]
     assert judged == sorted(set(judged)) and len(judged) < 0.75 * len(sweeps)
 
@@ -172,8 +177,10 @@ def test_of_steps_that_share_scans_the_one_that_is_off_the_farthest_counts() -> 
     for k, (off_m, best) in enumerate([(0.19, 1.18), (0.55, 1.21), (0.56, 1.22)], 20):
         moved = replace(steps[k].registration, offset=np.array([off_m, 0.0, 0.0]), psi=1.3, psi_best=best)
         steps[k] = StepAudit(moved, float(k), 1e-9)
-    found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
+    found = find_jumps(steps)
     finding = judge_steps(steps, found, CONFIG.audit, CONFIG.verdict)
     assert [step.t for step in found] == [22.0] and finding.status is VerdictStatus.FAIL
     assert finding.reason == "the map jumps by 0.56 m at 22.0 s"
-    assert [step.t for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict, fit_best=True)] == [20.0]
+    torn = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
+    assert [step.t for step in torn] == [20.0, 21.0, 22.0]
+    assert [step.t for step in pick_jumps(torn, lambda step: -step.registration.psi_best)] == [20.0]

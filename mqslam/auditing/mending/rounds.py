@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import find_bias, find_torn_steps
+from mqslam.auditing.findings import find_bias, find_torn_steps, pick_jumps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.evidence import (
     allow_for_turns,
@@ -217,7 +217,8 @@ class _Mender:
     def _find_jumps(self, audit: Audit) -> list[StepAudit]:
         """Returns the steps at which the map of an audit jumps, each where the scans fit best once it is corrected."""
         config = self._config
-        return find_torn_steps(audit.steps, apply_tolerance(config.audit, config.verdict), config.verdict, fit_best=True)
+        torn = find_torn_steps(audit.steps, apply_tolerance(config.audit, config.verdict), config.verdict)
+        return pick_jumps(torn, lambda step: -step.registration.psi_best)  # its offset may be smaller, but is measured best
 
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
         """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the counts of ties and loops."""
