@@ -89,7 +89,7 @@ def diff_results(
     if kinds[0] == "BatchResult":
         return _compare_batches(*results)
     options, unknown = _compare_options(results, parse_options)
-    settings, followed = _list_settings(*(result.folder for result in results))
+    settings, followed = _list_settings(results)
     obstacle = _find_other_returns(results, settings, followed, options or {})
     figures = _list_changes(*(dict(_list_figures(result.summary)) for result in results))
     if obstacle is not None:
@@ -118,12 +118,17 @@ def _compare_batches(first: Result, second: Result) -> dict[str, Any]:
             continue
         known = [option for option in OPTIONS if option in one and option in other]  # an earlier version listed fewer
         changes = _list_changes(*({option: row[option] for option in known} for row in (one, other)))
-        changes |= _list_settings(first.folder / name, second.folder / name)[0]
+        changes |= _list_settings([_read_run(batch.folder / name) for batch in (first, second)])[0]
         if changes:
             entries[name] = changes
         if one["verdict"] != other["verdict"]:
             verdicts[name] = [one["verdict"], other["verdict"]]
     return {"entries": entries, "verdicts": verdicts}
+
+
+def _read_run(folder: Path) -> Result:
+    """Reads the result of a run of a batch; its summary is empty if the run failed, or if its folder was not kept."""
+    return read_result(folder) if (folder / "summary.json").is_file() else Result(folder, {})
 
 
 def _compare_options(
@@ -156,8 +161,8 @@ def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
     return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
 
 
-def _list_settings(first: Path, second: Path) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
-    """Lists the settings that differ between two folders of results.
+def _list_settings(results: Sequence[Result]) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
+    """Lists the settings that differ between two results.
 
     The files are not checked, since another version of mqslam may have written them. The dicts are empty if a result has no
     config.yaml.
@@ -165,23 +170,17 @@ def _list_settings(first: Path, second: Path) -> tuple[dict[str, list[Any]], dic
     Returns:
         As `_list_changes` does, (1) the settings that somebody has changed, and (2) those that follow from the recordings.
     """
-    files = [folder / "config.yaml" for folder in (first, second)]
+    files = [result.folder / "config.yaml" for result in results]
     if not all(file.is_file() for file in files):
         return {}, {}
     changes = _list_changes(*(dict(_flatten(read_tree(file))) for file in files))
     follows = set[str]()
     with suppress(ConfigError):  # another version has other settings
         follows = {name for name, *_ in sort_changes(*map(load_config, files)).followed}
-    if _DOPPLER in changes and all(_has_measured_doppler(folder) for folder in (first, second)):
+    if all((result.summary.get("doppler_sigma") or 0.0) > 0.0 for result in results):  # both were measured, and not given
         follows.add(_DOPPLER)
     own = {name: both for name, both in changes.items() if name not in follows}
     return own, {name: both for name, both in changes.items() if name in follows}
-
-
-def _has_measured_doppler(folder: Path) -> bool:
-    """Returns whether the folder holds the result of a run that has measured the Doppler shift, so that nobody gave it."""
-    is_result = (folder / "summary.json").is_file()
-    return is_result and (read_result(folder).summary.get("doppler_sigma") or 0.0) > 0.0
 
 
 def _find_other_returns(
