@@ -13,13 +13,14 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mqslam.commands.inputs import CHOICES, Inputs, read_extrinsics
+from mqslam.commands.inputs import CHOICES, read_extrinsics
 from mqslam.commands.result import BatchResult
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work, require_work
 from mqslam.config import Config, Section, change_config, list_shipped, load_config
 from mqslam.config.yaml_file import check_tree, parse_tree
 from mqslam.core import frontend as frontends
+from mqslam.core.sensors import Inputs
 from mqslam.errors import (
     ClusterError,
     ConfigError,
@@ -174,7 +175,7 @@ def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) ->
     settings, span = change_config(load_config(config), _nest(run.set)), (run.start, run.end)
     if not (-math.inf if run.start is None else run.start) < (math.inf if run.end is None else run.end):
         raise ConfigError(f"start {run.start} and end {run.end}: the end must be later than the start; give both in seconds")
-    return Order(name, data, frontend, settings, odometry, imu, gnss, run.extrinsics, run.frame, span)
+    return Order(name, data, frontend, settings, Inputs(odometry, imu, gnss, run.extrinsics, run.frame), span)
 
 
 def _nest(changes: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -297,7 +298,8 @@ def _describe_outcome(order: Order, outcome: RunOutcome) -> str:
 
 def _list_absent(order: Order) -> list[Path]:
     """Returns which of a run's files (the recording and the files of sensors) do not exist on this machine."""
-    files = [Path(choice) for choice in (order.odometry, order.imu, order.gnss) if choice not in CHOICES]
+    inputs = order.inputs
+    files = [Path(choice) for choice in (inputs.odometry, inputs.imu, inputs.gnss) if choice not in CHOICES]
     return [path for path in (order.data, *files) if not path.exists()]
 
 
@@ -340,5 +342,4 @@ def _open_order(order: Order) -> Job:
     Raises:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
     """
-    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
-    return open_job(order.data, order.settings, order.frontend, inputs, span=order.span)
+    return open_job(order.data, order.settings, order.frontend, order.inputs, span=order.span)

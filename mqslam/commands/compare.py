@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from mqslam.commands.inputs import (
-    Inputs,
     check_arguments,
     choose_gyroscope,
     choose_odometry,
@@ -25,7 +24,7 @@ from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, s
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.recording import LidarRecording, Recording
-from mqslam.core.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Inputs, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy, require_type, to_path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ from mqslam.commands.work import Work, require_work
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
+from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Inputs, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path
 from mqslam.formats.lidars import read_lidar
@@ -33,27 +33,6 @@ _LARGEST = np.array([100.0, 100.0, 360.0])  # [m, m, degrees]; larger values are
 _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
-    """The user's choice of each input besides the scans. `auto` takes what the recording holds, if it holds any.
-
-    Args:
-        odometry: `auto`, `none`, or the path of a file.
-        imu: the gyroscope: `auto`, `none`, or the path of a file.
-        gnss: the GNSS fixes: `auto` (not fixes from which the ground truth was made), `none`, or the path of a file.
-        extrinsics: pose of the radar on the vehicle: `auto`, `none`, or a text X,Y,YAW (metres forward, metres to the left,
-            degrees to the left).
-        frame: whose poses a run writes: `radar` or `vehicle`.
-    """
-
-    odometry: str = "auto"
-    imu: str = "auto"
-    gnss: str = "auto"
-    extrinsics: str = "auto"
-    frame: str = RADAR
-
-
-USUAL_INPUTS = Inputs()
 CHOICES = ("auto", "none")  # choices of an input that name no file and no values
 Span = tuple[float | None, float | None]  # begin and end [s] since the recording's start; None takes the recording's own
 WHOLE: Span = (None, None)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from mqslam.commands.inputs import CHOICES, USUAL_INPUTS, Inputs, choose_odometry
+from mqslam.commands.inputs import CHOICES, choose_odometry
 from mqslam.config import Config, list_changes
 from mqslam.core.recording import LidarRecording
-from mqslam.core.sensors import RADAR
+from mqslam.core.sensors import RADAR, USUAL_INPUTS, Inputs
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_to_lidar
 from mqslam.core.wording import join_words

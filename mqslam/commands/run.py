@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mqslam.commands.inputs import (
-    USUAL_INPUTS,
     WHOLE,
-    Inputs,
     Span,
     check_arguments,
     check_frame,
@@ -26,7 +24,7 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_tolerance
 from mqslam.core import frontend as frontends
 from mqslam.core.recording import LidarRecording, Recording
-from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
+from mqslam.core.sensors import NO_SENSORS, RADAR, USUAL_INPUTS, Inputs, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint

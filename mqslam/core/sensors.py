@@ -1,4 +1,4 @@
-"""The sensors besides the radar: their readings, the radar's mount on the vehicle, and where on the Earth a map lies."""
+"""The sensors besides the radar: the user's choice, readings, the radar's mount, and where on the Earth a map lies."""
 
 from __future__ import annotations
 
@@ -284,3 +284,26 @@ class Sensors:
 
 NO_SENSORS = Sensors()
 """No sensors besides the radar and odometry."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The user's choice of each input besides the scans. `auto` takes what the recording holds, if it holds any.
+
+    Args:
+        odometry: `auto`, `none`, or the path of a file.
+        imu: the gyroscope: `auto`, `none`, or the path of a file.
+        gnss: the GNSS fixes: `auto` (not fixes from which the ground truth was made), `none`, or the path of a file.
+        extrinsics: pose of the radar on the vehicle: `auto`, `none`, or a text X,Y,YAW (metres forward, metres to the left,
+            degrees to the left).
+        frame: whose poses a run writes: `radar` or `vehicle`.
+    """
+
+    odometry: str = "auto"
+    imu: str = "auto"
+    gnss: str = "auto"
+    extrinsics: str = "auto"
+    frame: str = RADAR
+
+
+USUAL_INPUTS = Inputs()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.config import Config
-from mqslam.core.sensors import RADAR
+from mqslam.core.sensors import USUAL_INPUTS, Inputs
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, write_json, write_text
 from mqslam.execution.folders import UNFINISHED_BATCH
@@ -34,11 +34,7 @@ class Order:
         data: the recording, as an absolute path.
         frontend: name of the front end.
         settings: all settings.
-        odometry: `auto`, `none` or the absolute path of a file.
-        imu: `auto`, `none` or a file for the gyroscope.
-        gnss: `auto`, `none` or a file for the GNSS fixes.
-        extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
-        frame: `radar` or `vehicle`, the one whose poses are written.
+        inputs: the inputs besides the scans; the paths of files are absolute.
         span: begin and end of the part that is used [s since the recording's start]; None for either is the recording's own.
     """
 
@@ -46,11 +42,7 @@ class Order:
     data: Path
     frontend: str
     settings: Config
-    odometry: str = "auto"
-    imu: str = "auto"
-    gnss: str = "auto"
-    extrinsics: str = "auto"
-    frame: str = RADAR
+    inputs: Inputs = USUAL_INPUTS
     span: tuple[float | None, float | None] = (None, None)
 
 
@@ -170,11 +162,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         "name": order.name,
         "data": str(order.data),
         "frontend": order.frontend,
-        "odometry": order.odometry,
-        "imu": order.imu,
-        "gnss": order.gnss,
-        "extrinsics": order.extrinsics,
-        "frame": order.frame,
+        **asdict(order.inputs),
         "start": order.span[0],
         "end": order.span[1],
         "verdict": verdict.get("status"),

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from support.commands import Result, mqslam, parse_strict_json
+from support.commands import Result, mqslam, read_summary
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.cli.options import choose_exit_code
@@ -19,6 +19,7 @@ from mqslam.core import frontend
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
+from mqslam.core.sensors import Inputs
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.checkpoint import hash_run
 from mqslam.execution.folders import CHECKPOINT
@@ -52,10 +53,6 @@ def run(drive: Path, out: Path, *more: str | Path) -> Result:
     return mqslam("run", drive, "--out", out, "--config", drive.with_name("quick.yaml"), *alone, *chosen)
 
 
-def summary_of(out: Path, name: str = "summary.json") -> dict[str, Any]:
-    return parse_strict_json((out / name).read_text())
-
-
 def failing(error: Exception) -> Callable[..., Any]:
     def fail(*_: object, **__: object) -> None:
         raise error
@@ -68,7 +65,7 @@ def assert_said(shown: Result, out: Path, *warnings: str) -> None:
     for warning in warnings:
         assert f"warning: {warning}" in shown.err.splitlines()
         assert f"warning: {warning}" in (out / "run.log").read_text().splitlines()
-        assert warning in summary_of(out)["warnings"]
+        assert warning in read_summary(out)["warnings"]
 
 
 def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +99,7 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
         f"the map could not be completed (MemoryError: Unable to allocate 40 GiB){whole}",
         f"the check of the map could not be completed (LinAlgError: Singular matrix){whole}",
     )
-    summary = summary_of(out)
+    summary = read_summary(out)
     assert summary["psi"]["per_point_optimised"] is None and summary["inflation"]["median"] is None
     assert summary["verdict"]["status"] == "not judged"
     crashed = "the check of the map crashed (LinAlgError: Singular matrix), so that nothing has judged the map"
@@ -146,7 +143,7 @@ def test_a_graph_that_cannot_be_optimised_leaves_the_front_ends_motions(
     assert shown.code == 0
     said = "the pose graph could not be optimised (RuntimeError: no luck): its starting values are kept"
     assert_said(shown, tmp_path / "out", said)
-    verdict = summary_of(tmp_path / "out")["verdict"]
+    verdict = read_summary(tmp_path / "out")["verdict"]
     assert verdict["status"] == "fail" and "could not be optimised" in verdict["reasons"][0]
     kept = [np.loadtxt(tmp_path / "out" / name)[:, 1:] for name in ("trajectory.tum", "odometry.tum")]
     np.testing.assert_array_equal(*kept)
@@ -245,7 +242,7 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
     (one / "radar.timestamps").write_text((drive / "radar.timestamps").read_text().splitlines(keepends=True)[0])
     shutil.copy(drive.with_name("quick.yaml"), tmp_path)
     assert run(one, tmp_path / "out", "--odometry", "auto").code == 0
-    assert summary_of(tmp_path / "out")["verdict"] == {
+    assert read_summary(tmp_path / "out")["verdict"] == {
         "status": "not judged",
         "diagnosis": "1 scan is too few to judge a map by: a window takes 6",
         "reasons": ["1 scan is too few to judge a map by: a window takes 6"],
@@ -266,7 +263,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
         f"{name} could not be completed (ValueError: by nothing); the other results are complete"
         for name in ("heatmap.png", "report.html")
     ]
-    assert summary_of(tmp_path / "out", "audit.json")["warnings"] == said
+    assert read_summary(tmp_path / "out", "audit.json")["warnings"] == said
     assert [line for line in shown.err.splitlines() if "could not" in line] == [f"note: {line}" for line in said]
 
 
@@ -295,7 +292,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     assert shown.code == 0
     names = {"compare.csv", "compare.md", "compare.tex", "compare.json", "config.yaml", "odometry", "first"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    summary = summary_of(tmp_path / "out", "compare.json")
+    summary = read_summary(tmp_path / "out", "compare.json")
     rows = {row["name"]: row for row in summary["rows"]}
     assert rows["odometry"]["failure"] is not None and "Singular matrix" in rows["odometry"]["failure"]
     assert rows["first"]["verdict"] == "not judged" and "too few to judge" in rows["first"]["reasons"]
@@ -307,7 +304,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
 
 def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("kept", "damaged")
-    orders = [Order(name, tmp_path / "drive", "psi", Config(), "none") for name in names]
+    orders = [Order(name, tmp_path / "drive", "psi", Config(), Inputs("none")) for name in names]
     verdict = {"status": "not judged", "reasons": ["2 scans"]}
     summary = summarise(orders, [RunOutcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
     (tmp_path / "kept").mkdir()
@@ -315,7 +312,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     write_tum(tmp_path / "kept" / "trajectory.tum", track)
     write_batch(tmp_path, summary)
     add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
-    written = summary_of(tmp_path, "batch.json")
+    written = read_summary(tmp_path, "batch.json")
     assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0, "not finished": 0}
     assert written["runs"][0]["psi_per_point"] is None
     (warning,) = written["warnings"]
@@ -327,4 +324,4 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     monkeypatch.setattr("mqslam.report.page._environment", failing(ValueError("by nothing")))
     add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
     said = "report.html could not be completed (ValueError: by nothing); the other results are complete"
-    assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said
+    assert read_summary(tmp_path, "batch.json")["warnings"][-1] == said

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from plyfile import PlyData
-from support.commands import mqslam, parse_strict_json, read_contents
+from support.commands import mqslam, parse_strict_json, read_contents, read_summary
 from support.parameters import mostly_slow
 from support.recordings import KINDS, bag_path, write_bag
 from support.reported import assert_alone
@@ -49,10 +49,6 @@ KEYS = {
 }
 HEADER = "t0,t1,dx,dy,dyaw,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw,psi,psi_odometry,points,matched,status"
 SCANS, ALONE = 48, ("--imu", "none", "--gnss", "none")
-
-
-def summary_of(out: Path) -> dict[str, Any]:
-    return parse_strict_json((out / "summary.json").read_text())
 
 
 def rows_of(out: Path) -> list[dict[str, str]]:
@@ -104,7 +100,7 @@ def test_a_run_leaves_every_file_and_nothing_beside_them(result: Path) -> None:
 
 
 def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
-    summary = summary_of(result)
+    summary = read_summary(result)
     for key, inner in KEYS.items():
         assert key in summary
         if inner is not None:
@@ -125,7 +121,7 @@ def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
 
 
 def test_the_optimised_map_is_crisper_than_the_odometrys(result: Path) -> None:
-    psi = summary_of(result)["psi"]
+    psi = read_summary(result)["psi"]
     assert psi["per_point_optimised"] < 0.8 * psi["per_point_odometry"]
     assert psi["matched_optimised"] > psi["matched_odometry"]
 
@@ -134,7 +130,7 @@ def test_the_optimised_trajectory_is_closer_to_truth_than_the_odometry(result: P
     truth = read_tum(street / "gt" / "poses_tum.txt")
     before, after = (error_m(read_tum(result / f"{name}.tum"), truth) for name in ("odometry", "trajectory"))
     assert after < 0.3 * before and after < 0.5
-    summary = summary_of(result)
+    summary = read_summary(result)
     assert summary["evaluation"]["ate_rmse_m"] < 0.3 * summary["evaluation_odometry"]["ate_rmse_m"]
 
 
@@ -174,12 +170,12 @@ def test_covariances_have_a_row_per_scan_and_grow_with_the_way(result: Path) -> 
 
 
 def test_the_summary_says_how_sure_the_last_pose_is_along_and_across(result: Path) -> None:
-    last = summary_of(result)["last_pose"]
+    last = read_summary(result)["last_pose"]
     yaws = read_tum(result / "trajectory.tum").poses[:, 2]
     given = read_covariances(result / "covariances.csv").covariances[-1]
     turned = se2.rotate_covariance(given, yaws[0] - yaws[-1])
     sigmas = dict(zip(("sigma_along_m", "sigma_across_m", "sigma_yaw_rad"), np.sqrt(np.diag(turned)), strict=True))
-    scale = summary_of(result)["range_scale"]
+    scale = read_summary(result)["range_scale"]
     by_scale = scale["sigma"] * np.hypot(*read_tum(result / "trajectory.tum").poses[-1, :2])
     share = by_scale**2 / np.sum(np.diag(turned)[:2])
     expected = {**sigmas, "prior_share": share}
@@ -197,7 +193,7 @@ def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> 
 def test_the_point_map_carries_the_score_it_is_judged_by(result: Path) -> None:
     vertices = PlyData.read(str(result / "map.ply"))["vertex"]
     assert [p.name for p in vertices.properties] == ["x", "y", "z", "intensity", "time", "psi"]
-    summary = summary_of(result)
+    summary = read_summary(result)
     assert np.sum(vertices["psi"], dtype=np.float64) == pytest.approx(summary["psi"]["optimised"], rel=1e-4)
     assert np.mean(vertices["psi"], dtype=np.float64) == pytest.approx(summary["psi"]["per_point_optimised"], rel=1e-4)
     assert np.all(vertices["z"] == 0.0) and np.isfinite(vertices["x"]).all() and np.isfinite(vertices["y"]).all()
@@ -255,7 +251,7 @@ def test_the_settings_used_are_written_and_read_back_equal(result: Path, without
 
 
 def test_report_and_log_tell_the_verdict(result: Path) -> None:
-    summary = summary_of(result)
+    summary = read_summary(result)
     report, log = (result / "report.html").read_text(), (result / "run.log").read_text()
     assert "\ncommand: " in log and "\nversions: Python 3." in log and "gtsam 4" in log and "\nfinished: 20" in log
     assert report.lower().startswith("<!doctype html") and report.rstrip().endswith("</html>")
@@ -267,7 +263,7 @@ def test_report_and_log_tell_the_verdict(result: Path) -> None:
 
 def test_without_odometry_psi_alone_makes_the_trajectory(without_odometry: tuple[Path, Path], street: Path) -> None:
     out, _ = without_odometry
-    summary = summary_of(out)
+    summary = read_summary(out)
     assert summary["factors"]["odometry"] == 0 and len(lines_of(out, "EDGE_SE2")) == len(lines_of(out, "VERTEX_SE2")) - 1
     assert all(row["psi_odometry"] == "nan" for row in rows_of(out))
     assert error_m(read_tum(out / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")) < 0.5
@@ -276,20 +272,20 @@ def test_without_odometry_psi_alone_makes_the_trajectory(without_odometry: tuple
 def test_odometry_of_a_file_replaces_the_recordings(run: Callable[..., Path], quick: Path, street: Path) -> None:
     given = street / "gt" / "poses_tum.txt"
     out = run("--odometry", given, "--config", quick)
-    assert summary_of(out)["factors"]["odometry"] == SCANS - 1
+    assert read_summary(out)["factors"]["odometry"] == SCANS - 1
     assert error_m(read_tum(out / "odometry.tum"), read_tum(given)) < 1e-4
 
 
 def test_the_odometry_front_end_follows_the_odometry(run: Callable[..., Path], quick: Path, result: Path) -> None:
     out = run("--frontend", "odometry", "--config", quick)
-    summary = summary_of(out)
+    summary = read_summary(out)
     assert summary["frontend"] == "odometry" and summary["factors"]["odometry"] == 0
     assert error_m(read_tum(out / "trajectory.tum"), read_tum(result / "odometry.tum")) < 1e-4
 
 
 def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path, street: Path) -> None:
     out = run("--frontend", "kiss_icp", "--config", quick)
-    summary = summary_of(out)
+    summary = read_summary(out)
     assert summary["frontend"] == "kiss_icp" and summary["verdict"]["status"] in ("pass", "warn", "fail")
     assert {path.name for path in out.iterdir()} == FILES
     truth = read_tum(street / "gt" / "poses_tum.txt")
@@ -324,7 +320,7 @@ def test_the_number_of_jobs_changes_no_byte(
 
 def test_json_is_the_summary_and_nothing_else(street: Path, quick: Path, tmp_path: Path) -> None:
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--config", quick, "--json")
-    assert parse_strict_json(shown.out) == summary_of(tmp_path / "out")
+    assert parse_strict_json(shown.out) == read_summary(tmp_path / "out")
     assert shown.err == ""
 
 
@@ -336,8 +332,8 @@ def test_a_run_shows_progress_a_table_and_the_report(
     for title in ("reading and detecting: 48/48", "measuring motion: 48/48", "rendering maps: 2/2"):
         assert title in shown.err
     assert "psi per point" in shown.out and "verdict: " in shown.out and "ATE [m]" in shown.out
-    assert all(f"\nnot judged: {line}\n" in shown.out for line in summary_of(tmp_path / "out")["not_judged"])
-    sigma_m = summary_of(tmp_path / "out")["last_pose"]["sigma_along_m"]
+    assert all(f"\nnot judged: {line}\n" in shown.out for line in read_summary(tmp_path / "out")["not_judged"])
+    sigma_m = read_summary(tmp_path / "out")["last_pose"]["sigma_along_m"]
     assert f"\nlast pose: ± {sigma_m:.2g} m along" in shown.out and "(a prior)" not in shown.out  # nor is there a map
     assert shown.code == 0 and "report: out/report.html" in shown.out.splitlines()[-2:]
     assert "\x1b" not in shown.out + shown.err
@@ -359,7 +355,7 @@ def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Pat
     shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
     assert shown.code == 0 and shown.err.count("odometry does not cover the whole recording") == 1
     assert "odometry does not cover the whole recording" in (tmp_path / "out" / "run.log").read_text()
-    summary = summary_of(tmp_path / "out")
+    summary = read_summary(tmp_path / "out")
     assert summary["factors"]["odometry"] == 0 and summary["evaluation"] is None
 
 
@@ -371,5 +367,5 @@ def test_a_bag_of_the_same_scans_gives_the_same_trajectory(
     bag = write_bag(open_recording(street), bag_path(tmp_path, kind), kind)
     options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.175", "--quiet", *ALONE]
     assert mqslam("run", bag, "--out", tmp_path / "out", *options).code == 0
-    assert summary_of(tmp_path / "out")["dataset"]["format"] == "rosbag"
+    assert read_summary(tmp_path / "out")["dataset"]["format"] == "rosbag"
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (expected / "trajectory.tum").read_bytes()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import mqslam, run_in_this_process
+from support.commands import mqslam, read_summary, run_in_this_process
 from support.sensors import gga, write_imu_csv, write_lines
 
 SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "covariances.csv", "graph.g2o", "map.ply", "map.pgm")
@@ -20,10 +20,6 @@ def run(street: Path, out: Path, *options: object) -> Path:
         done = mqslam("run", street, "--out", out, "--quiet", *map(str, options))
     assert (done.code, done.err) == (0, "")
     return out
-
-
-def summary_of(out: Path) -> dict:
-    return json.loads((out / "summary.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +36,7 @@ def joined(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_sensors_of_a_recording_join_and_the_summary_says_how_much_they_do(joined: Path) -> None:
-    sensors = summary_of(joined)["sensors"]
+    sensors = read_summary(joined)["sensors"]
     for name in ("gyroscope", "gnss"):
         assert sensors[name]["used"] and sensors[name]["factors"] > 0 and sensors[name]["moved_m"] >= 0.0
     assert sensors["gyroscope"]["scale"] == pytest.approx(1.0, abs=0.03)
@@ -50,7 +46,7 @@ def test_the_sensors_of_a_recording_join_and_the_summary_says_how_much_they_do(j
 
 
 def test_the_log_holds_what_is_said_of_every_sensor_and_of_the_mount(joined: Path) -> None:
-    log, summary = (joined / "run.log").read_text().splitlines(), summary_of(joined)
+    log, summary = (joined / "run.log").read_text().splitlines(), read_summary(joined)
     told = [summary["sensors"]["gyroscope"], summary["sensors"]["gnss"], summary["mount"]]
     notes = [f"note: {statement}" for part in told for statement in part["statements"]]
     begin = log.index(notes[0])
@@ -73,7 +69,7 @@ def test_sensors_that_contradict_the_radar_are_refused_without_a_trace(street: P
     lines = (f"{t:.0f},{lat},{lon},2.0" for t, (lat, lon) in zip(gnss["t"], places.tolist(), strict=True))
     (tmp_path / "wild.csv").write_text("\n".join(("t,lat,lon,sigma_m", *lines)) + "\n")
     out = run(street, tmp_path / "out", "--imu", tmp_path / "degrees.csv", "--gnss", tmp_path / "wild.csv", "--jobs", "1")
-    sensors = summary_of(out)["sensors"]
+    sensors = read_summary(out)["sensors"]
     assert not sensors["gyroscope"]["used"] and "degrees per second" in sensors["gyroscope"]["statements"][0]
     assert not sensors["gnss"]["used"] and "are not used" in sensors["gnss"]["statements"][0]
     assert not (out / "map.tif").exists()  # nothing places the map on the Earth
@@ -105,7 +101,7 @@ def test_a_fault_within_a_sensors_part_costs_the_sensor_and_not_the_run(
     monkeypatch.setattr("mqslam.backend.sensor_use.join_gyroscope", fail)
     done = mqslam("run", street, "--out", tmp_path / "out", "--gnss", "none", "--jobs", "1", "--quiet")
     assert done.code == 0
-    warnings = summary_of(tmp_path / "out")["warnings"]
+    warnings = read_summary(tmp_path / "out")["warnings"]
     assert any("the sensors beside the radar" in warning and "ZeroDivisionError" in warning for warning in warnings)
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (alone / "trajectory.tum").read_bytes()
 
@@ -130,6 +126,6 @@ def test_an_audit_holds_the_trajectory_against_the_gyroscope(street: Path, tmp_p
 def test_a_run_judges_its_turns_by_the_gyroscope_as_an_audit_does(street: Path, joined: Path, tmp_path: Path) -> None:
     done = mqslam("audit", street, "--out", tmp_path / "out", "--trajectory", joined / "trajectory.tum", "--quiet")
     assert done.code == 0
-    audited, own = json.loads((tmp_path / "out" / "audit.json").read_text()), summary_of(joined)
+    audited, own = json.loads((tmp_path / "out" / "audit.json").read_text()), read_summary(joined)
     assert audited["gyroscope"]["statement"] in own["tests"]["sensors"]["reasons"]
     assert own["tests"]["sensors"]["status"] == audited["tests"]["sensors"]["status"]

@@ -11,11 +11,11 @@ from support.recordings import START_US
 from support.sensors import a_gyroscope, some_fixes, stamps, write_gnss_csv, write_imu_csv
 
 from mqslam.commands.batch import read_plan
-from mqslam.commands.inputs import Inputs, choose_fixes, choose_gyroscope, choose_mount
+from mqslam.commands.inputs import choose_fixes, choose_gyroscope, choose_mount
 from mqslam.commands.run import open_job
 from mqslam.config import Config
 from mqslam.core.recording import Recording
-from mqslam.core.sensors import Fixes, Mount
+from mqslam.core.sensors import Fixes, Inputs, Mount
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.sensors.reading import Reading
@@ -135,7 +135,7 @@ def test_what_is_assumed_of_a_named_file_is_a_note_and_what_is_left_out_a_warnin
 def test_a_batch_takes_them_beside_its_file(tmp_path: Path) -> None:
     rows = "imu: a/imu.csv, gnss: none, extrinsics: '1.2,0,-90'"
     (tmp_path / "runs.yaml").write_text(f"runs: [{{data: drive, {rows}}}, {{data: drive, name: other}}]")
-    first, second = read_plan(tmp_path / "runs.yaml")[0]
+    first, second = (order.inputs for order in read_plan(tmp_path / "runs.yaml")[0])
     assert (first.imu, first.gnss, first.extrinsics) == (str(tmp_path / "a" / "imu.csv"), "none", "1.2,0,-90")
     assert (second.imu, second.gnss, second.extrinsics, second.odometry) == ("auto",) * 4
 

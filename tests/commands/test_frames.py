@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from plyfile import PlyData
-from support.commands import mqslam
+from support.commands import mqslam, read_summary
 from support.recordings import TURN_US, circle
 
 from mqslam.commands.batch import read_plan
@@ -64,10 +62,6 @@ def results(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
     return find
 
 
-def summary_of(out: Path) -> Any:
-    return json.loads((out / "summary.json").read_text())
-
-
 def points_of(out: Path) -> NDArray[np.float64]:
     vertices = PlyData.read(str(out / "map.ply"))["vertex"]
     return np.column_stack([vertices["x"], vertices["y"]]).astype(np.float64)
@@ -110,18 +104,18 @@ def test_graph_and_measurements_stay_those_of_the_radar(results: Callable[[str, 
 
 def test_the_summary_says_whose_poses_they_are_and_where_the_radar_sits(results: Callable[[str, str], Path]) -> None:
     for frame in ("radar", "vehicle"):
-        summary = summary_of(results(EXTRINSICS, frame))
+        summary = read_summary(results(EXTRINSICS, frame))
         assert summary["frame"] == frame
         numbers = [summary["mount"][key] for key in ("x_m", "y_m", "yaw_rad")]
         np.testing.assert_allclose(numbers, MOUNT)
         assert summary["mount"]["source"] == "given" and summary["mount"]["sigma_x_m"] is None
-    assert summary_of(results("none", "radar"))["mount"] is None
+    assert read_summary(results("none", "radar"))["mount"] is None
 
 
 def test_the_evaluation_compares_like_with_like_in_either_frame(results: Callable[[str, str], Path]) -> None:
     for frame in ("radar", "vehicle"):
-        assert summary_of(results(EXTRINSICS, frame))["evaluation"]["ate_rmse_m"] < 1e-4
-    assert summary_of(results("none", "radar"))["evaluation"]["rpe_v_rms"] > 0.01  # the radar is not at the origin
+        assert read_summary(results(EXTRINSICS, frame))["evaluation"]["ate_rmse_m"] < 1e-4
+    assert read_summary(results("none", "radar"))["evaluation"]["rpe_v_rms"] > 0.01  # the radar is not at the origin
 
 
 def test_the_page_shows_where_the_radar_sits(results: Callable[[str, str], Path]) -> None:
@@ -145,7 +139,7 @@ def test_a_bag_of_the_results_names_the_frame_that_moves(results: Callable[[str,
 def test_a_batch_takes_the_frame_of_each_run(tmp_path: Path) -> None:
     plan = tmp_path / "runs.yaml"
     plan.write_text("runs: [{data: drive, frame: vehicle, extrinsics: '1,0,0'}, {data: drive, name: other}]")
-    assert [order.frame for order in read_plan(plan)[0]] == ["vehicle", "radar"]
+    assert [order.inputs.frame for order in read_plan(plan)[0]] == ["vehicle", "radar"]
 
 
 def test_a_place_on_the_earth_is_the_same_in_either_frame() -> None:

@@ -50,6 +50,11 @@ def parse_strict_json(text: str) -> dict[str, Any]:
     return content
 
 
+def read_summary(out: Path, name: str = "summary.json") -> dict[str, Any]:
+    """Returns the content of the summary in a folder of results."""
+    return parse_strict_json((out / name).read_text())
+
+
 @contextlib.contextmanager
 def run_in_this_process() -> Iterator[None]:
     """Calls functions in this process instead of a process of their own, which would import everything again."""
