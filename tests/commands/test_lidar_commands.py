@@ -11,10 +11,9 @@ import gtsam
 import numpy as np
 import pytest
 from support.recordings import write_oxford
-from support.rooms import PERIOD_US, write_carmen
+from support.rooms import PERIOD_US, largest_error_m, write_carmen
 
 import mqslam
-from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.clouds import read_cloud
@@ -24,14 +23,6 @@ from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum, write_tum
 
 ROUND_S = 60.0  # the robot drives two rounds, each as long as this
-
-
-def largest_error_m(track: Trajectory, truth: Trajectory, start: se2.Array | None = None) -> float:
-    """Returns the largest distance [m] of a track from the true poses, in the frame of its start or of a true pose."""
-    true = truth.at(track.stamps_us)
-    own = se2.between(track.poses[0], track.poses) if start is None else track.poses
-    off = own[:, :2] - se2.between(true[0] if start is None else start, true)[:, :2]
-    return float(np.hypot(*off.T).max())
 
 
 @pytest.fixture(scope="module")

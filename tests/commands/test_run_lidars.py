@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.recordings import bag_path
-from support.rooms import slip, write_bag, write_carmen
+from support.rooms import largest_error_m, slip, write_bag, write_carmen
 
 import mqslam
 from mqslam.commands.info import describe_lidar
@@ -26,13 +26,6 @@ from mqslam.formats.tum import read_tum
 
 PLANAR = Path(__file__).parents[3] / "shared" / "data" / "planar"
 JUDGE = Path(__file__).parents[3] / "shared" / "tools" / "score_relations.py"
-
-
-def largest_error_m(track: Trajectory, truth: Trajectory) -> float:
-    """Returns the largest distance [m] of a track's poses from the true ones, both seen from the first pose."""
-    true = truth.at(track.stamps_us)
-    off = se2.between(track.poses[0], track.poses)[:, :2] - se2.between(true[0], true)[:, :2]
-    return float(np.hypot(*off.T).max())
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from support.drives import street_drive
+from support.drives import street_context, street_drive
 
 from mqslam.comparison import judgement
 from mqslam.comparison.judgement import Judge, compare_pairs, find_places, take_common_scans
@@ -25,15 +25,10 @@ CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
-def context(odometry: Trajectory | None = None) -> Context:
-    recording, _ = street_drive()
-    return Context(CONFIG, recording.revolution_s, recording.start_us, odometry)
-
-
 @lru_cache
 def row(name: str, back_end: bool) -> Row:
     _, scans = street_drive()
-    return run_front_end(FrontEndTask(scans, back_end, 1), (name, context()))
+    return run_front_end(FrontEndTask(scans, back_end, 1), (name, street_context(CONFIG)))
 
 
 @pytest.mark.parametrize("name", ["psi", "kiss_icp"])
@@ -54,7 +49,7 @@ def test_the_back_end_follows_where_it_is_asked_for() -> None:
 
 def test_a_process_of_its_own_gives_the_same_row() -> None:
     _, scans = street_drive()
-    contexts = {"kiss_icp": context()}
+    contexts = {"kiss_icp": street_context(CONFIG)}
     (result,) = run_front_ends(contexts, scans, HERE, lambda *_: None, back_end=False)
     np.testing.assert_allclose(result.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
     assert result.peak_rss_mb is not None and result.peak_rss_mb > 50.0
@@ -77,7 +72,7 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
     _, scans = street_drive()
-    result = run_front_end(FrontEndTask(scans, False, 1), ("broken", context()))
+    result = run_front_end(FrontEndTask(scans, False, 1), ("broken", street_context(CONFIG)))
     assert str(result.failure).startswith("front end broken: stopped with ZeroDivisionError: by nothing; ")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.recordings import KINDS, START_US, bag_path, bag_writer
+from support.recordings import KINDS, START_US, assert_same_track, bag_path, bag_writer
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -28,12 +28,6 @@ def arc() -> Trajectory:
     """A drive over more than a turn, with uneven stamps."""
     stamps = START_US + np.array([0, 252_813, 504_787, 650_000, 1_002_755, 1_251_173])
     return Trajectory(stamps, se2.exp(np.tile([8.0, 0.1, 5.5], (6, 1)), (stamps - START_US) * 1e-6))
-
-
-def assert_same(result: Trajectory, expected: Trajectory, atol: float = 2e-6) -> None:
-    np.testing.assert_array_equal(result.stamps_us, expected.stamps_us)
-    np.testing.assert_allclose(result.poses[:, :2], expected.poses[:, :2], atol=atol)
-    np.testing.assert_allclose(se2.wrap(result.poses[:, 2] - expected.poses[:, 2]), 0.0, atol=atol)
 
 
 def write_times(path: Path, trajectory: Trajectory, unit: str = "s") -> Path:
@@ -57,7 +51,7 @@ def test_what_is_read_and_written_again_is_the_same_text(write: Callable[[Path, 
 @pytest.mark.parametrize("unit", ["s", "us", "ns"])
 def test_kitti_files_are_read_with_times_in_any_unit(arc: Trajectory, tmp_path: Path, unit: str) -> None:
     write_kitti(tmp_path / "t.kitti", arc)
-    assert_same(read_trajectory(tmp_path / "t.kitti", write_times(tmp_path / "times.txt", arc, unit)), arc)
+    assert_same_track(read_trajectory(tmp_path / "t.kitti", write_times(tmp_path / "times.txt", arc, unit)), arc)
 
 
 def test_evo_reads_the_kitti_file(arc: Trajectory, tmp_path: Path) -> None:
@@ -75,7 +69,7 @@ def test_the_kitti_file_evo_writes_is_read(arc: Trajectory, tmp_path: Path) -> N
     write_tum(tmp_path / "t.tum", arc)
     track = file_interface.read_tum_trajectory_file(str(tmp_path / "t.tum"))
     file_interface.write_kitti_poses_file(str(tmp_path / "t.kitti"), track)
-    assert_same(read_trajectory(tmp_path / "t.kitti", write_times(tmp_path / "times.txt", arc)), arc)
+    assert_same_track(read_trajectory(tmp_path / "t.kitti", write_times(tmp_path / "times.txt", arc)), arc)
 
 
 def kitti(poses: list[np.ndarray]) -> str:
@@ -96,7 +90,7 @@ def test_poses_of_a_camera_are_turned_into_the_ground_plane(tmp_path: Path, bump
         poses.append(pose)
     (tmp_path / "00.txt").write_text(kitti(poses))
     (tmp_path / "times.txt").write_text("".join(f"{stamp * 1e-6:e}\n" for stamp in stamps))
-    assert_same(read_trajectory(tmp_path / "00.txt", tmp_path / "times.txt"), drive)
+    assert_same_track(read_trajectory(tmp_path / "00.txt", tmp_path / "times.txt"), drive)
 
 
 def test_a_straight_drive_over_hills_is_not_taken_for_a_cameras(tmp_path: Path) -> None:
@@ -128,7 +122,7 @@ def test_csv_columns_are_found_by_name_and_their_unit_by_name_or_size(
         word = {"s": f"{stamp / 1e6:.6f}", "ms": f"{stamp / 1e3:.3f}", "us": str(stamp), "ns": str(1000 * stamp)}[scale]
         rows.append(f"{word}, {x:.9f}, {y:.9f}, {yaw:.9f}")
     (tmp_path / "t.csv").write_text("\n".join(rows))
-    assert_same(read_trajectory(tmp_path / "t.csv"), arc)
+    assert_same_track(read_trajectory(tmp_path / "t.csv"), arc)
 
 
 def test_csv_quaternions_in_any_order_of_columns_are_read(arc: Trajectory, tmp_path: Path) -> None:
@@ -136,7 +130,7 @@ def test_csv_quaternions_in_any_order_of_columns_are_read(arc: Trajectory, tmp_p
     for k, (stamp, (x, y, yaw)) in enumerate(zip(arc.stamps_us.tolist(), arc.poses.tolist(), strict=True)):
         rows.append(f"{k},{np.cos(yaw / 2)},0,0,{np.sin(yaw / 2)},{y},{x},7,{stamp}")
     (tmp_path / "t.csv").write_text("\n".join(rows) + "\n")
-    assert_same(read_trajectory(tmp_path / "t.csv"), arc)
+    assert_same_track(read_trajectory(tmp_path / "t.csv"), arc)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -154,7 +148,7 @@ def test_topics_of_poses_are_read(arc: Trajectory, tmp_path: Path, kind: str, me
                 PATH: lambda s=stamp: types[PATH](bag.header(s), [*poses]),
             }[message_type]()
             bag.write(topic, stamp, message)
-    assert_same(read_trajectory(bag_path(tmp_path, kind)), arc)
+    assert_same_track(read_trajectory(bag_path(tmp_path, kind)), arc)
 
 
 def test_one_of_several_topics_has_to_be_named(arc: Trajectory, tmp_path: Path) -> None:
@@ -165,7 +159,7 @@ def test_one_of_several_topics_has_to_be_named(arc: Trajectory, tmp_path: Path) 
         for stamp, pose in zip(arc.stamps_us.tolist(), arc.poses, strict=True):
             bag.write(wheels, stamp, bag.odometry(stamp, 1.1 * pose))
             bag.write(slam, stamp, bag.pose_stamped(stamp, pose))
-    assert_same(read_trajectory(path, topic="/slam"), arc)
+    assert_same_track(read_trajectory(path, topic="/slam"), arc)
     with pytest.raises(DataError, match=r"drive\.bag: has 2 topics of poses \(topics of poses: /odom, /slam\)"):
         read_trajectory(path)
     with pytest.raises(DataError, match=r"drive\.bag: has no poses on /log \(topics of poses: /odom, /slam\)"):

@@ -5,30 +5,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.drives import street_drive
+from support.drives import street_context, street_drive
 
-from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.frontends.odometry import OdometryFrontEnd
 
 
-def context(odometry: Trajectory | None) -> Context:
-    recording, _ = street_drive()
-    return Context(Config(), recording.revolution_s, recording.start_us, odometry)
-
-
 def measure(stamps: NDArray[np.int64], poses: se2.Array) -> list[Measurement]:
-    return list(OdometryFrontEnd(context(Trajectory(stamps, poses))).measure(street_drive()[1]))
+    return list(OdometryFrontEnd(street_context(odometry=Trajectory(stamps, poses))).measure(street_drive()[1]))
 
 
 def test_the_motions_chained_are_the_odometry_itself() -> None:
     recording, scans = street_drive()
     assert recording.odometry is not None
-    motions = list(OdometryFrontEnd(context(recording.odometry)).measure(scans))
+    motions = list(OdometryFrontEnd(street_context(odometry=recording.odometry)).measure(scans))
     at = recording.odometry.at(recording.stamps_us)
     np.testing.assert_allclose(se2.chain([m.pose for m in motions], at[0]), at, atol=1e-9)
     assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(scans)]
@@ -62,7 +55,7 @@ def test_uncertainty_grows_with_travel() -> None:
 
 def test_without_odometry_it_says_what_to_do() -> None:
     with pytest.raises(EstimationError, match="needs odometry; give odometry"):
-        OdometryFrontEnd(context(None))
+        OdometryFrontEnd(street_context())
 
 
 def test_odometry_that_ends_too_early_is_an_error_that_says_where() -> None:
@@ -70,4 +63,4 @@ def test_odometry_that_ends_too_early_is_an_error_that_says_where() -> None:
     assert recording.odometry is not None
     short = Trajectory(recording.odometry.stamps_us[:60], recording.odometry.poses[:60])  # three seconds
     with pytest.raises(EstimationError, match=r"3\.[0-9]+ s to 3\.[0-9]+ s"):
-        list(OdometryFrontEnd(context(short)).measure(scans))
+        list(OdometryFrontEnd(street_context(odometry=short)).measure(scans))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.drives import drive, find_errors, street_drive
+from support.drives import drive, find_errors, street_context, street_drive
 
 from mqslam.config import Config, ScanMatchingConfig
 from mqslam.core import frontend, se2
@@ -147,7 +147,7 @@ def test_a_front_ends_own_share_holds_for_radar_unless_the_user_sets_one(
     is_lidar: bool, chosen: float | None, share: float
 ) -> None:
     config = Config(scan_matching=ScanMatchingConfig(strongest=chosen))
-    settings = Matching.of(replace(context(), config=config, is_lidar=is_lidar), 0.5, 1.5)
+    settings = Matching.of(replace(street_context(), config=config, is_lidar=is_lidar), 0.5, 1.5)
     assert settings == (share, 1.5, 100.0)
 
 
@@ -165,11 +165,6 @@ class Recorder:
         return PlacedScan(se2.compose(before, motion), lambda: np.diag([1e-4, 4e-4, 1e-6]), 1.0)
 
 
-def context(odometry: Trajectory | None = None, doppler_beta: float = 0.0) -> Context:
-    recording = street_drive()[0]
-    return Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
-
-
 def follow(scans: Sequence[Scan], new_matcher: Callable[[], Recorder], context: Context) -> list[Measurement]:
     return list(MatchingFrontEnd(context, 1.0, new_matcher).measure(scans))
 
@@ -185,7 +180,7 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         recorders.append(Recorder())
         return recorders[-1]
 
-    motions = follow(scans[:3], new, context(odometry, doppler_beta))
+    motions = follow(scans[:3], new, street_context(odometry=odometry, doppler_beta=doppler_beta))
     return recorders[-2], scans[:3], motions  # the last recorder is the one that goes backwards
 
 
@@ -209,7 +204,7 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
 
 
 def test_all_scans_are_followed_backwards() -> None:
-    motions = follow(street_drive()[1][:24], Recorder, context())
+    motions = follow(street_drive()[1][:24], Recorder, street_context())
     assert all(np.isfinite(motion.apart).all() for motion in motions)
 
 
@@ -231,7 +226,7 @@ def test_a_track_that_its_way_back_contradicts_is_lost_there(slip: list[float]) 
             return replace(match, pose=se2.compose(match.pose, np.array(slip))) if slips else match
 
     recording, scans = street_drive()
-    motions = follow(scans, Slipping, context(recording.odometry))
+    motions = follow(scans, Slipping, street_context(odometry=recording.odometry))
     lost = np.array([motion.status is Status.LOST for motion in motions])
     assert lost[18:28].all() and not lost[:10].any() and not lost[36:].any()
     sigmas = np.sqrt([np.diag(motion.covariance) for motion in motions])
@@ -251,7 +246,7 @@ def test_tracks_that_differ_by_noise_alone_are_not_lost() -> None:
             match = super().match(points, fractions, before, np.array([np.copysign(2.0, motion[0]), 0.0, 0.0]))
             return replace(match, pose=se2.compose(match.pose, noise.normal(0.0, [0.1, 0.1, 0.005])))
 
-    assert all(m.status is Status.CONVERGED for m in follow(street_drive()[1], Noisy, context()))
+    assert all(m.status is Status.CONVERGED for m in follow(street_drive()[1], Noisy, street_context()))
 
 
 def test_covariances_are_turned_into_the_frame_the_motion_starts_in() -> None:
@@ -276,6 +271,6 @@ def test_how_far_the_way_back_is_from_the_way_there_shows_how_large_the_errors_a
             match = super().match(points, fractions, before, motion)
             return replace(match, pose=match.pose + np.array([next(sides), 0.0, 0.0]))
 
-    motions = follow(street_drive()[1][:40], Wavering, context())
+    motions = follow(street_drive()[1][:40], Wavering, street_context())
     stated = np.median([m.covariance[0, 0] for m in motions[5:]])
     assert 0.4 * off**2 < stated

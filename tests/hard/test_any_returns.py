@@ -34,9 +34,9 @@ shares = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 0.75, 0.999]), st.floats(0.0
 
 
 @st.composite
-def single_scans(draw: st.DrawFn, t0: float = 0.0, most: int = 40) -> Scan:
+def single_scans(draw: st.DrawFn, t0: float = 0.0) -> Scan:
     """Draws a scan with a few returns, some of them at one place."""
-    seen = sorted(draw(st.lists(st.tuples(shares, ranges_m), max_size=most)))
+    seen = sorted(draw(st.lists(st.tuples(shares, ranges_m), max_size=40)))
     turn, r = np.array([share for share, _ in seen]), np.array([value for _, value in seen])
     returns = Returns(r, -2.0 * np.pi * turn, t0 + TURN_S * turn, np.full(len(seen), 100.0))
     return Scan(t0, t0 + TURN_S, returns)

@@ -21,9 +21,9 @@ from mqslam.results.files import name_evo_command, write_truth
 START_US = 1_560_000_000_000_000
 
 
-def chain_drive(noise: float, step_us: int = 250_000, seconds: float = 60.0) -> Trajectory:
-    """A winding drive at 8 m/s whose motions err by so much [m] from one pose to the next."""
-    stamps = START_US + np.arange(0, round(seconds * 1e6), step_us)
+def chain_drive(noise: float, step_us: int = 250_000) -> Trajectory:
+    """A winding drive of a minute at 8 m/s whose motions err by so much [m] from one pose to the next."""
+    stamps = START_US + np.arange(0, 60_000_000, step_us)
     dt = step_us * 1e-6
     rng = np.random.default_rng(3)
     rates = 0.3 * np.sin(0.2 * dt * np.arange(len(stamps) - 1))

@@ -35,10 +35,10 @@ def positions(seed: int, duration_s: float = DURATION_S, step: float = 0.1) -> A
     return make_city_drive(seed, duration_s).poses(np.arange(0.0, duration_s, step))[:, :2]
 
 
-def evenly(path: Array, spacing: float = 1.0) -> tuple[Array, Array]:
-    """Returns points (N, 2) of a path every `spacing` metres, and their distances along it (N,) [m]."""
+def evenly(path: Array) -> tuple[Array, Array]:
+    """Returns points (N, 2) of a path every metre, and their distances along it (N,) [m]."""
     along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T))]
-    places = np.arange(0.0, along[-1], spacing)
+    places = np.arange(0.0, along[-1], 1.0)
     return np.column_stack([np.interp(places, along, axis) for axis in path.T]), places
 
 

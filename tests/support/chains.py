@@ -37,13 +37,11 @@ def chain_of(drive: TrackedRun, sigmas: tuple[float, float, float] = SURE, betwe
     return Chain(drive, graph, graph.initial)
 
 
-def candidate_of(
-    drive: TrackedRun, pair: tuple[int, int], sigma_m: float, reach: tuple[float, float] = (15.0, 0.03)
-) -> Candidate:
+def candidate_of(drive: TrackedRun, pair: tuple[int, int], sigma_m: float) -> Candidate:
     """Returns a pair of scans as a candidate, of whose relative position the trajectory is as sure as asked."""
     covariance, rigid = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2]), np.zeros((3, 3))
     chain = Relative(se2.between(drive.poses[pair[0]], drive.poses[pair[1]]), covariance)
-    return Candidate(*pair, *reach, chain, SubmapLayout(rigid, rigid))
+    return Candidate(*pair, 15.0, 0.03, chain, SubmapLayout(rigid, rigid))
 
 
 def fenced_street(period_m: float, seed: int) -> TrackedRun:

@@ -98,12 +98,12 @@ def angles_of(azimuths: int) -> NDArray[np.float64]:
     return -2.0 * np.pi * np.arange(azimuths) / azimuths
 
 
-def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60, burst: int = 4) -> Turns:
+def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60) -> Turns:
     """Returns a recording of polar scans that begin at given stamps and last as long as their azimuths' stamps say [us]."""
     takes = [turns_us] * len(begins_us) if isinstance(turns_us, int) else turns_us
     polar_scans = []
     for k, (begin, turn) in enumerate(zip(begins_us, takes, strict=True)):
-        stamps = np.round(begin + stamps_of(azimuths, turn, burst) - stamps_of(azimuths, turn, burst)[0])
+        stamps = np.round(begin + stamps_of(azimuths, turn, 4) - stamps_of(azimuths, turn, 4)[0])
         ticks = np.round(np.arange(azimuths) * 5600 / azimuths)
         power = np.full((azimuths, azimuths), k % 40, dtype=np.uint8)
         polar_scans.append(PolarScan(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))

@@ -9,8 +9,10 @@ import numpy as np
 
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
 
@@ -49,6 +51,12 @@ def street_drive() -> tuple[SimulatedRecording, Scans]:
 
     motion = make_loop_drive(10.0, speed=8.0)
     return drive(clear_way(make_street_scene(1, movers=4), motion, 10.0), motion, 10.0)
+
+
+def street_context(config: Config | None = None, odometry: Trajectory | None = None, doppler_beta: float = 0.0) -> Context:
+    """Returns what a front end knows of `street_drive` besides its scans, by default with the default settings."""
+    recording, _ = street_drive()
+    return Context(config or Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
 
 
 def drive_around_a_block(duration_s: float = 54.0, seed: int = 1) -> SimulatedRecording:

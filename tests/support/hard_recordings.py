@@ -39,9 +39,9 @@ def poles(count: int = 220, side_m: float = 120.0, seed: int = 1) -> Points:
     return np.random.default_rng(seed).uniform(-0.5 * side_m, 0.5 * side_m, (count, 2))
 
 
-def bare_walls(spacing_m: float = 1.0) -> Points:
+def bare_walls() -> Points:
     """Returns two bare walls (N, 2) [m] along x, 6 m to either side."""
-    x = np.arange(-100.0, 100.0, spacing_m)
+    x = np.arange(-100.0, 100.0)
     return np.concatenate([np.column_stack([x, np.full(len(x), side)]) for side in (-6.0, 6.0)])
 
 
@@ -114,9 +114,9 @@ def repeated(scan: Scan, scans: int) -> list[Scan]:
     return [Scan(scan.t0 + t, scan.t1 + t, replace(scan.returns, times=scan.returns.times + t)) for t in late.tolist()]
 
 
-def one_spot(scans: int, range_m: float = 10.0, count: int = 40) -> list[Scan]:
+def one_spot(scans: int) -> list[Scan]:
     """Returns scans whose returns all are one and the same."""
-    first = Returns(*(np.full(count, value) for value in (range_m, -1.0, 0.04, 99.0)))
+    first = Returns(*(np.full(40, value) for value in (10.0, -1.0, 0.04, 99.0)))
     return repeated(Scan(0.0, TURN_S, first), scans)
 
 

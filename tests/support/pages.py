@@ -93,10 +93,10 @@ def circle(radius: float, scans: int = 60) -> Trajectory:
     return Trajectory(START_US + 500_000 * np.arange(scans), poses)
 
 
-def bow(turn: float, begin: tuple[float, float, float] = (0.0, 0.0, 0.0), count: int = 200) -> Trajectory:
+def bow(turn: float, begin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Trajectory:
     """Returns a path of 1 m steps that turns by the same angle [rad] at each, from some pose."""
-    steps = se2.exp(np.tile([1.0, 0.0, turn], (count, 1)), np.arange(count))
-    return Trajectory(START_US + 250_000 * np.arange(count), se2.compose(np.array(begin), steps))
+    steps = se2.exp(np.tile([1.0, 0.0, turn], (200, 1)), np.arange(200))
+    return Trajectory(START_US + 250_000 * np.arange(200), se2.compose(np.array(begin), steps))
 
 
 def walls(offset: float, count: int = 4000) -> PointMap:

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -236,6 +237,13 @@ def assert_same(a: Recording, b: Recording) -> None:
     assert a.end_us == b.end_us
     for one, other in zip(a.polar_scans(), b.polar_scans(), strict=True):
         assert_same_polar_scan(one, other)
+
+
+def assert_same_track(result: Trajectory, expected: Trajectory, atol: float = 2e-6) -> None:
+    """Checks that two trajectories have the same stamps, and poses that differ by at most `atol` [m, rad]."""
+    np.testing.assert_array_equal(result.stamps_us, expected.stamps_us)
+    np.testing.assert_allclose(result.poses[:, :2], expected.poses[:, :2], atol=atol)
+    np.testing.assert_allclose(se2.wrap(result.poses[:, 2] - expected.poses[:, 2]), 0.0, atol=atol)
 
 
 def assert_same_polar_scan(a: PolarScan, b: PolarScan) -> None:

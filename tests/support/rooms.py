@@ -32,6 +32,14 @@ def slip(truth: Trajectory) -> Trajectory:
     return Trajectory(truth.stamps_us, se2.chain(steps))
 
 
+def largest_error_m(track: Trajectory, truth: Trajectory, start: se2.Array | None = None) -> float:
+    """Returns the largest distance [m] of a track from the true poses, in the frame of its start or of a true pose."""
+    true = truth.at(track.stamps_us)
+    own = se2.between(track.poses[0], track.poses) if start is None else track.poses
+    off = own[:, :2] - se2.between(true[0] if start is None else start, true)[:, :2]
+    return float(np.hypot(*off.T).max())
+
+
 def cast(truth: Trajectory) -> NDArray[np.float64]:
     """Returns the ranges (N, BEAMS) [m] of all scans, from -90 degrees to +90."""
     walls, noise = build_walls(), np.random.default_rng(5)

@@ -10,9 +10,9 @@ from mqslam.psi.tracking.local_map import LocalMap, Tuning
 TUNING = Tuning(keyframes=5)
 
 
-def offer_scans(into: LocalMap, count: int = 40, step_m: float = 1.0) -> LocalMap:
-    """Offers scans of one point each, a second and a step apart."""
-    for k in range(count):
+def offer_scans(into: LocalMap, step_m: float = 1.0) -> LocalMap:
+    """Offers 40 scans of one point each, a second and a step apart."""
+    for k in range(40):
         point = PointSet(np.array([[step_m * k, 0.0]]), np.zeros((1, 2, 0)), np.ones((1, 3)), np.array([float(k)]))
         into.offer(float(k), np.array([step_m * k, 0.0, 0.0]), point)
     return into
