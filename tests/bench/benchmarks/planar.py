@@ -38,6 +38,7 @@ _MOST = {"intel": (0.030, 0.6), "fr079": (0.045, 0.55)}  # bounds on metres and 
 _MOST_BY_LOOPS_M = 0.05
 _NEES = 0.3, 3.0  # bounds on the mean over all relations of the normalised squared error over 3
 _NEAR_S = 0.02  # a relation counts if there are poses within this time of both of its ends, as the judge has it
+_SAME_S = 1e-4  # a relation whose ends are stamps of scans, to within rounding, belongs to these scans
 _LOOP_S = 60.0  # relations of loops have more than this time between their ends, as the judge has it
 _OUTLIER_M = 0.03  # relations with larger errors count less in the search for the point that fits best
 
@@ -89,6 +90,7 @@ class _Compared(NamedTuple):
     errors: NDArray[np.float64]  # (K, 3) motion between these poses minus the relation [m, m, rad]
     turned: NDArray[np.float64]  # (K, 2) how much farther a point 1 m ahead of the lidar moves than the lidar [1]
     are_loops: NDArray[np.bool_]  # (K,)
+    are_of_scans: NDArray[np.bool_]  # (K,) whether both ends are stamps of scans
 
     @classmethod
     def of(cls, track: Trajectory, name: str) -> _Compared:
@@ -97,13 +99,13 @@ class _Compared(NamedTuple):
         times = cKDTree(track.stamps_us[:, None] * 1e-6)
         (apart_a, a), (apart_b, b) = (times.query(relations[:, [k]]) for k in (0, 1))
         near = (apart_a <= _NEAR_S) & (apart_b <= _NEAR_S) & (a != b)
-        a, b, relations = a[near], b[near], relations[near]
+        apart, a, b, relations = np.maximum(apart_a, apart_b)[near], a[near], b[near], relations[near]
         moved = se2.between(track.poses[a], track.poses[b])
         errors = moved - relations[:, [2, 3, 7]]
         errors[:, 2] = se2.wrap(errors[:, 2])
         turned = np.column_stack([np.cos(moved[:, 2]) - 1.0, np.sin(moved[:, 2])])
         pairs = list(zip(a.tolist(), b.tolist(), strict=True))
-        return cls(pairs, errors, turned, np.abs(relations[:, 1] - relations[:, 0]) > _LOOP_S)
+        return cls(pairs, errors, turned, np.abs(relations[:, 1] - relations[:, 0]) > _LOOP_S, apart <= _SAME_S)
 
     def carry(self, ahead: float) -> NDArray[np.float64]:
         """Returns the errors (K, 3) of the relations if they are those of a point ahead of the lidar [m, m, rad]."""
@@ -120,8 +122,12 @@ def _measure_relations(_out: Path) -> list[Row]:
         ahead = _find_point(used)
         whole = _Compared.of(job.recording.complete(run.optimised), name)
         lengths = np.hypot(*whole.carry(ahead)[:, :2].T)
+        of_scans = whole.errors[whole.are_of_scans]
         cells: dict[str, Cell] = {
             "run": name,
+            "of_scans": f"{len(of_scans)} of {len(whole.errors)}",
+            "metres_of_scans": float(np.hypot(*of_scans[:, :2].T).mean()),
+            "degrees_of_scans": float(np.degrees(np.abs(of_scans[:, 2])).mean()),
             "ahead": ahead,
             "metres_there": float(lengths.mean()),
             "by_loops_there": float(lengths[whole.are_loops].mean()),
@@ -140,7 +146,12 @@ def _judge_covariances(run: Run, compared: _Compared, ahead: float) -> dict[str,
     """Compares the errors of relations with the run's covariances, also if the relations are those of a point ahead."""
     covariances = Uncertainty(run.graph, run.values).relate(compared.pairs)
     nees, nees_there = (se2.normalise(compared.carry(m), covariances) / 3.0 for m in (0.0, ahead))
-    return {"nees": float(nees.mean()), "nees_median": float(np.median(nees)), "nees_there": float(np.median(nees_there))}
+    return {
+        "nees": float(nees.mean()),
+        "nees_median": float(np.median(nees)),
+        "nees_of_scans": float(nees[compared.are_of_scans].mean()),
+        "nees_there": float(np.median(nees_there)),
+    }
 
 
 BENCHMARKS = {
@@ -170,12 +181,17 @@ BENCHMARKS = {
     "relations": Benchmark(
         study=True,
         what="Errors of verified relations, beside the covariances that the runs of two planar lidars state for the same "
-        "relative poses (where both scans are used), and the point ahead of the lidar for which the relations hold best.",
+        "relative poses (where both scans are used), also of the relations alone whose ends are stamps of scans, and the "
+        "point ahead of the lidar for which the relations hold best.",
         data="real",
         columns=(
             label("run", "run"),
             Column("nees", "NEES/3", "{:.2f}", Goal.ONE),
             Column("nees_median", "its median", "{:.2f}"),
+            Column("of_scans", "with stamps of scans", "{}"),
+            Column("metres_of_scans", "their [m]", "{:.4f}"),
+            Column("degrees_of_scans", "their [deg]", "{:.3f}"),
+            Column("nees_of_scans", "their NEES/3", "{:.2f}"),
             Column("ahead", "best point ahead [m]", "{:+.3f}"),
             Column("metres_there", "error there [m]", "{:.4f}"),
             Column("by_loops_there", "of loops there [m]", "{:.4f}"),
