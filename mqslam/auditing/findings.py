@@ -140,7 +140,10 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns words to append to a sentence: a comma, `said`, and at most `_NAMED` of the times [s]; "" without times."""
+    """Returns the end of a sentence: a comma, the words `said`, the first `_NAMED` times [s], and how many more there are.
+
+    Without times, the text is empty.
+    """
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -158,13 +161,19 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans at a step are off: farther than chance explains, `doubt_m` and 2 `jump_m`."""
+    """Returns whether a few scans at a step are displaced while the map on both sides of them is not.
+
+    Their offset must be larger than chance explains, than 2 `settings.jump_m`, and than errors of interpolation.
+    """
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether a step is off by more than chance explains, and fits better once corrected, but nowhere else."""
+    """Returns whether the offset of a step is larger than chance explains, and is the only one at which its sides fit best.
+
+    The two sides of the step must fit better with the offset corrected than under the trajectory.
+    """
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
     )
@@ -231,12 +240,12 @@ def judge_pooled(
             such as the vehicle's frame; None if the user cannot choose the pose.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None if the user cannot choose it.
         is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
-        few: why the spans are too few, in words, if they are.
+        few: why there are too few spans, in words; used only if `pooled` is None.
     """
     if pooled is None:
         reason = (
             f"scale, mount and stamps: {few}, so that a wrong scale could hide unless odometry "
-            "contradicts it, and wrong extrinsics or late stamps tear windows without being named"
+            "contradicts it, and wrong extrinsics or late stamps may tear windows but are not recognised as the cause"
         )
         return Finding(VerdictStatus.PASS, reason, judged=False)
     bias = find_bias(pooled, limits)
@@ -269,12 +278,12 @@ def judge_pooled(
 
 
 def _are_proven(estimate: Estimate, tolerated: float | tuple[float, ...], limits: VerdictConfig) -> NDArray[np.bool_]:
-    """Returns which parameters (Q,) of an estimate are neither tolerated nor explained by chance."""
+    """Returns a mask (Q,) of the parameters whose absolute values exceed `tolerated` and what chance explains."""
     return (np.abs(estimate.value) > tolerated) & (estimate.p_value < share_of_false_alarms(limits))
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Estimate | None:
-    """Returns the lever arm of the sensor; None if it is unknown, or on both axes tolerated or explained by chance."""
+    """Returns the lever arm of the sensor; None if it is unknown, or if each axis is tolerated or explained by chance."""
     lever = pooled.lever
     return lever if lever is not None and _are_proven(lever, LEVER_WARN, limits).any() else None
 
@@ -342,7 +351,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
         spans: spans of the map; those without a p-value are left out.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
-        few: why the spans are too few, in words; "" if there are enough, though perhaps none with a p-value.
+        few: why there are too few spans, in words; used only if no span has a p-value. "" gives a general reason.
     """
     tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
@@ -372,7 +381,10 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
 
 
 def _describe_worst(torn: Sequence[WindowAudit]) -> str:
-    """Describes the worst window that is torn by its correction, and counts those torn only by speed; "" without any."""
+    """Returns words on torn windows: where the largest correction is, and how many windows are torn only by their speed.
+
+    Without torn windows, the text is empty.
+    """
     by_speed = sum(window.by_speed for window in torn)
     bent = max((window for window in torn if not window.by_speed), key=lambda window: window.bend.size_m, default=None)
     worst = "" if bent is None else f", the worst by {bent.bend.size_m:.2f} m {describe_times(bent.t0, bent.t1)}"
@@ -393,7 +405,7 @@ def _describe_span(span: SpanAudit) -> str:
 
 
 def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Judges a map by sums of spans: `warn` if any is a bend, `fail` if the bent share of the path is above `WINDOWS_FAIL`.
+    """Judges a map by sums of spans: `warn` if any is torn, `fail` if torn sums cover more of the path than `WINDOWS_FAIL`.
 
     Args:
         sums: sums of successive spans.
@@ -426,7 +438,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, l
 
 
 def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
-    """Returns in words by how much and when a sum of spans is off; names a turn if it exceeds `tolerated_rad` [rad]."""
+    """Returns in words by how much and when a sum of spans is off, with its error of yaw if above `tolerated_rad` [rad]."""
     where = f"over {one.path_m:.0f} m {describe_times(one.t0, one.t1)}"
     if abs(one.offset[2]) > tolerated_rad:
         turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
@@ -436,7 +448,7 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
-    """Returns `not judged` for a cloud without a trajectory, even if it is crisp: drift and revisits do not show."""
+    """Returns the finding `not judged` on a cloud without a trajectory: even a crisp cloud does not show a drift."""
     reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
     torn = share_torn(windows)
     if torn.total and not torn.count:
@@ -456,8 +468,8 @@ def judge_revisits(
         revisits: revisits of the map in the order of time.
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.
-        path_m: length of the path [m] if sums of spans limit the drift that could hide; None if there are no sums, or any
-            of them is torn.
+        path_m: length of the path [m], from which the largest drift that could hide is computed; None if there are no sums
+            of spans or any of them is torn, so that drift of any size could hide.
     """
     sure = [r for r in revisits if r.sure]
     if not sure:
@@ -497,7 +509,7 @@ def judge_revisits(
         honesty = judge_honesty(sure)
         is_explained = honesty is None or honesty.nees <= honesty.most
         if not is_explained:
-            reason += f", but not all together: over {count_of(len(sure), 'revisit')}, they are too small"
+            reason += f", but not all together: over {count_of(len(sure), 'revisit')}, these covariances are too small"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
             how = "as its own covariances allow" if is_explained else "and its own covariances are too small"
@@ -528,7 +540,7 @@ def _measure_mean(row: Sequence[RevisitAudit]) -> float:
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns in words why no revisit shows a drift, and how much of it could hide: any drift if `path_m` [m] is None."""
+    """Returns in words why no revisit shows a drift, and how large a drift could hide; any, if `path_m` [m] is None."""
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"
@@ -536,4 +548,5 @@ def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig,
         return f"drift: {why}, so that drift of any size could hide"
     metres, radians = tolerate_sum(settings)
     parts = max(path_m / LENGTHS_M[-1], 1.0)
-    return f"drift: {why}, so that up to {parts * metres + 0.5 * path_m * parts * radians:.0f} m at the end could hide"
+    most_m = parts * metres + 0.5 * path_m * parts * radians
+    return f"drift: {why}, so that a drift of up to {most_m:.0f} m at the end could hide"

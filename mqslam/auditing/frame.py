@@ -136,7 +136,7 @@ def judge_readings(shared: Shared, windows: Sequence[WindowAudit], place: Place,
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
         windows: windows of the map. If fewer than `_LEAST_TORN` of them are torn, the map passes. If the trajectory
             turns in fewer than `_LEAST_TORN` of them, only missing headings can be judged.
-        place: returns the points of the map under other poses (M, 3) of the track.
+        place: returns the points of the map under other poses (M, 3) x, y [m], yaw [rad] of the trajectory.
         engine: where windows are judged; the result does not depend on it.
     """
     sweeps, settings, estimator = shared
@@ -152,7 +152,8 @@ def judge_readings(shared: Shared, windows: Sequence[WindowAudit], place: Place,
     tried = sorted(turning, key=lambda window: -_measure_turn(sweeps, window))[:_TRIED]
     if len(tried) < _LEAST_TORN:
         same = "; all poses look the same way" if np.ptp(np.unwrap(track.poses[:, 2])) < _SAME_YAW else ""
-        reason = f"frame: too few windows turn to show whether a mirrored trajectory or missing headings tear the map{same}"
+        torn = "whether a mirrored trajectory or missing headings tear the map"
+        reason = f"frame: the trajectory turns in too few windows to show {torn}{same}"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     for reading in _READINGS:
         whole = sum(engine.map(_is_whole, (place(track.poses * reading.signs), settings, estimator), tried))

@@ -103,7 +103,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     faults = _list_faults(found.rotation, own_clock=gyroscope.own_clock)
     faults += _find_kink(times, found.residuals)
     if not faults and spread > _KINK_RAD:
-        what = f"in usual scans the two turn by {np.rad2deg(spread):.2g} deg differently, which hides any smaller fault"
+        what = f"their turns usually differ by {np.rad2deg(spread):.2g} deg per scan, which hides any smaller fault"
         told = f"the gyroscope ({source}) cannot be compared with the trajectory: {what}"
         return GyroscopeCheck(source, told, None, found.rotation, spread)
     remark = _describe_scale(found.rotation)
@@ -129,8 +129,12 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
 def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
     """Returns the stamps (K,) [us] between which turns are compared, in the time that scans and poses share.
 
-    They are those of the scans `scans_us`, or of the poses `poses_us` [us] if there are fewer than `_SPARSE` poses per scan.
+    The result holds the stamps of the scans, or the stamps of the poses if there are fewer than `_SPARSE` poses per scan.
     Between sparse poses a trajectory is interpolated, so the turns of the sensor there are not known.
+
+    Args:
+        scans_us: stamps of the scans [us], increasing.
+        poses_us: stamps of the trajectory's poses [us], increasing.
     """
     first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
     scans, poses = (np.asarray(us[(first <= us) & (us <= last)], dtype=np.int64) for us in (scans_us, poses_us))
@@ -138,7 +142,12 @@ def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDA
 
 
 def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
-    """Returns in words how a gyroscope contradicts a trajectory; a delay counts unless the gyroscope has its own clock."""
+    """Returns in words each fault by which a gyroscope contradicts a trajectory: direction, scale or delay of the turns.
+
+    Args:
+        rotation: calibration that converts the gyroscope's readings to the trajectory's turns.
+        own_clock: whether the gyroscope has a clock of its own, so that a delay is no fault.
+    """
     faults = []
     if rotation.sign < 0.0:
         faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")
@@ -153,13 +162,13 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
 
 
 def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> list[str]:
-    """Returns in words where, for a few steps, a trajectory turns most differently from the gyroscope; [] if nowhere.
+    """Returns one sentence on the few steps at which a trajectory contradicts the gyroscope the most; [] if all agree.
 
-    A single step, or several successive steps, may differ although most steps agree.
+    A step is the motion from one time to the next. Each number of steps in `_KINK_STEPS` is tried.
 
     Args:
         times: (N + 1,) times between which the turns are compared [s].
-        residuals: (N,) by how much the trajectory turns farther to the left than the gyroscope [rad]; NaN where unknown.
+        residuals: (N,) turn of the trajectory to the left minus turn of the gyroscope in each step [rad]; NaN where unknown.
     """
     angles = np.r_[0.0, np.cumsum(np.nan_to_num(residuals))]
     kinks = []

@@ -82,7 +82,7 @@ class Audit:
         revisits: places that the trajectory comes back to.
         tests: the findings of each test, by the name of the test.
         verdict: the verdict that all findings give together.
-        capture: the largest errors of a trajectory that windows and speed checks can find.
+        capture: the largest errors of a trajectory that windows can measure.
         own: the tests that the user added.
     """
 
@@ -113,10 +113,10 @@ class Known(NamedTuple):
     """What is known about a trajectory besides its poses.
 
     Args:
-        stated: covariances that the trajectory itself states for one pose relative to another, by the numbers of the two
-            sweeps; None if it states none.
+        stated: gives the covariances that the trajectory itself states for one pose relative to another, by the numbers
+            of the two sweeps; None if the trajectory states no covariances.
         place: returns the points under other poses, to test whether the trajectory is mirrored; None omits this test.
-        sensors: findings of other sensors about the trajectory.
+        sensors: findings from the comparison of the trajectory with other sensors.
         own: further tests of the map, which the user added.
         is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
     """
@@ -222,7 +222,7 @@ def audit_trajectory(
     optimum: Optimum | None = None,
     gyroscope: Gyroscope | None = None,
 ) -> Audit:
-    """Judges the map that a run has made, but only a sample of its windows.
+    """Judges the map that a run has made; of its windows, only `_SAMPLED_WINDOWS` are judged.
 
     Args:
         scans: scans of the recording.

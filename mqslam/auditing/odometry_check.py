@@ -71,8 +71,8 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
         given: odometry at the same stamps.
 
     Returns:
-        the ratio over pairs of poses a second apart between which either moves; None for fewer than `_FEWEST` such pairs,
-            or if a median is zero.
+        the ratio, from all pairs of poses one second apart between which the trajectory or odometry moves; None for fewer
+            than `_FEWEST` such pairs, or if a median speed is zero.
     """
     ends = np.searchsorted(own.stamps_us, own.stamps_us + _SPAN_US)
     begins = np.flatnonzero(ends < len(own.stamps_us))

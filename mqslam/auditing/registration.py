@@ -35,7 +35,8 @@ class Registration:
     """The registration of a later stretch of sweeps on an earlier stretch.
 
     Args:
-        earlier, later: numbers of the two sweeps in whose frames (the sensor's at their start) the stretches are given.
+        earlier, later: numbers of two sweeps, one in each stretch. Each stretch is given in the frame of the sensor at the
+            start of its sweep.
         between: (3,) pose of the later sweep in the frame of the earlier sweep by the trajectory [m, m, rad].
         path_m: length of the path between the two sweeps [m].
         offset: (3,) correction of the later stretch: its best pose by psi relative to its pose by the trajectory, in the
@@ -92,7 +93,7 @@ def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
-    """Returns the time [s] from the sweep `begin` to the next: by their numbers or by their times, whichever is longer."""
+    """Returns the time [s] from the sweep `begin` to the next sweep: by their numbers or by their times, the longer one."""
     return max(
         float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
         float(sweeps.times[begin + 1] - sweeps.times[begin]),  # larger across a pause of the recording
@@ -115,10 +116,9 @@ def is_of_beams(
     """Returns whether a better fit with the offset corrected may come from the pattern of a lidar's beams alone.
 
     The beams of a lidar hit a bare wall at the same places of a scan wherever the lidar stands along the wall. Two scans of
-    the wall therefore fit best as if the lidar had not moved, and several scans as if it had moved by some scans less. If
-    the surfaces of the earlier scans are filled with points, and of the later scans only points amid a surface are taken,
-    which the surfaces cover under both poses, this pattern is gone: they fit better only if the surfaces fit better. False
-    for a radar.
+    the wall therefore fit best as if the lidar had not moved. This pattern vanishes if points are added along the surfaces
+    of the earlier stretch, and if of the later stretch only points amid a surface are kept. If the later stretch then fits
+    not clearly better with the correction, the pattern alone explains the better fit. The result is False for a radar.
 
     Args:
         registration: registration of the later stretch on the earlier stretch.

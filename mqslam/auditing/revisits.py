@@ -1,7 +1,7 @@
 """Judges revisits, the places that a trajectory comes back to: psi shows how far the two passes of a place are off.
 
-For a while, the later pass is off the earlier pass by the same rigid motion. The offset of one revisit can therefore be
-converted to the frame of the next revisit and compared with the offset there.
+At successive revisits, the later pass is displaced from the earlier pass by about the same rigid motion. The offset of one
+revisit can therefore be converted to the frame of the next revisit and compared with the offset there.
 """
 
 from __future__ import annotations
@@ -109,14 +109,14 @@ def find_agreeing(
 
     Args:
         given: N offsets.
-        usable: (N,) which offsets are measured in every direction; any other offset ends a series.
+        usable: (N,) mask of the offsets that are measured in every direction; any other offset ends a series.
         rivals: for each offset, (R, 3) other offsets [m, m, rad] at which its passes fit about as well.
-        searched_m: (N,) how far around the trajectory's own pose each offset was searched for [m].
+        searched_m: (N,) radius around the pose by the trajectory in which each offset was searched for [m].
         most_m: longest path between two successive offsets of a series [m].
         same_m: two offsets that are at most this far apart count as one [m].
 
     Returns:
-        (N,) which offsets belong to such a series.
+        A mask (N,) of the offsets that belong to such a series.
     """
     found = np.zeros(len(given.offsets), dtype=np.bool_)
     begin, chance = 0, 1.0
@@ -143,8 +143,8 @@ def _chance_of_agreement(
 ) -> float:
     """Returns the probability that offsets k - 1 and k agree by chance; 0 if a series ends between them.
 
-    It ends if they do not agree, are too far apart, or could agree on other offsets as well. The arguments are those of
-    `find_agreeing`.
+    A series ends if the two offsets do not agree, if they are too far apart on the path, or if their passes could agree on
+    another offset as well. The arguments are the same as for `find_agreeing`, with `searched_m` of offset k alone.
     """
     if np.abs(given.places[k] - given.places[k - 1]).max() > most_m:
         return 0.0
@@ -276,11 +276,11 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits; those with a pass in a gap, where poses are guesses, are neither sure nor torn.
+    """Returns the revisits; a revisit with a pass in a gap, where poses are guesses, becomes neither sure nor torn.
 
     Args:
         revisits: revisits of a map.
-        interpolated: (S,) which sweeps lie in a gap of the trajectory.
+        interpolated: (S,) mask of the sweeps that lie in a gap of the trajectory.
     """
     return [
         replace(one, sure=False, torn=False, p_value=np.nan, excused=False)
@@ -296,7 +296,7 @@ def judge_registrations(
     limits: VerdictConfig,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
-    """Judges revisits whose passes are registered already; the other arguments are those of `audit_revisits`.
+    """Judges revisits whose passes are registered already; the other arguments are the same as for `audit_revisits`.
 
     The covariance from psi's curvature is too small by a factor that depends on the surroundings. The usual difference
     between neighbouring revisits shows this factor. A drift of the trajectory moves neighbouring revisits alike, so it does
@@ -348,9 +348,10 @@ def judge_registrations(
 
 
 def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
-    """Returns the offsets, with covariances scaled to explain how neighbours differ, and the scale's degrees of freedom.
+    """Returns the offsets of revisits, and the degrees of freedom of the factor by which their covariances were scaled.
 
-    No covariance is made smaller. With too few neighbours the covariances are not scaled, and the degrees of freedom are 0.
+    The factor, which is at least 1, makes the covariances explain the usual difference between neighbouring revisits. With
+    too few neighbours the covariances are not scaled, and the degrees of freedom are 0.
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in registrations]),

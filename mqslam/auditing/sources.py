@@ -1,4 +1,4 @@
-"""Prepares what can be audited: radar and lidar recordings under a trajectory, and finished clouds with times."""
+"""Prepares the points of an audit, from a radar or lidar recording with a trajectory or from a finished cloud with times."""
 
 from __future__ import annotations
 
@@ -88,9 +88,10 @@ def read_stated_covariances(
 def fit_covariances(
     stated: StatedCovariances | None, offset_us: int, sweeps: Sweeps
 ) -> tuple[RelativeCovariances | None, list[str]]:
-    """Returns for the pose of each sweep the stated covariance with the nearest stamp, and notes for the user.
+    """Returns the stated covariances at the poses of the sweeps, each with the nearest stamp, and notes for the user.
 
-    The covariances are None (1) if none are stated, or (2) with a note, if a sweep has none near and they are not needed.
+    The covariances are None if none are stated. They are also None, with a note, if a sweep has no covariance with a stamp
+    near it and `stated.is_needed` is False.
 
     Args:
         stated: the covariances of the trajectory's poses, or None.
@@ -157,7 +158,7 @@ class Source:
 
 
 def is_cloud(path: Path) -> bool:
-    """Returns whether a path is a file with a finished cloud; an .npz file must be readable and hold no radar's power."""
+    """Returns whether a path is the file of a finished cloud; an .npz file must be readable and hold no polar scans."""
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
@@ -257,7 +258,7 @@ def divide_cloud(
 
 
 def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> TimedCloud:
-    """Returns a cloud as it would be with another trajectory: each point moves with the sensor.
+    """Returns a cloud as another trajectory places it: each point moves like the pose at the time of the point.
 
     Args:
         cloud: points, and the times at which they were measured.

@@ -38,7 +38,7 @@ from mqslam.execution.progress import Progress, count_items
 
 @dataclass(frozen=True, slots=True)
 class CaptureRange:
-    """The largest errors of a trajectory that the tests of its windows and of its speeds can find.
+    """The largest errors of a trajectory that windows can measure; the speed checks look for larger errors.
 
     Args:
         window_m: largest correction that the search in a window surely finds [m].
@@ -54,10 +54,11 @@ class SpeedCheck:
     """The motion between two successive scans compared with the trajectory's motion.
 
     Args:
-        error: (3,) mean velocity that corrects the trajectory's motion, in the frame of the later scan [m/s, m/s, rad/s].
+        error: (3,) correction of the trajectory's mean velocity between the scans, in the frame of the later scan [m/s, m/s,
+            rad/s].
         sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
-            capture range, the scans must also fit clearly worse where the trajectory places them, for another reason than
-            the pattern of a lidar's beams.
+            capture range, the scans must also fit clearly worse where the trajectory places them, and the pattern of a
+            lidar's beams must not explain this.
     """
 
     error: se2.Array
@@ -70,7 +71,7 @@ class SpeedCheck:
 
 
 def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> CaptureRange:
-    """Returns the largest errors that the windows and the speed checks of a map can find.
+    """Returns the largest errors of a trajectory that the windows of its map can measure.
 
     The widest search for a window's best map begins with neighbourhoods of radius `estimator.s_start` [m]. A correction that
     moves the ends of a window farther than this relative to each other moves points out of each other's neighbourhood.
@@ -93,7 +94,7 @@ def check_speeds(
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
         middles: numbers of the sweeps whose motion to the next sweep is checked.
-        known: (S,) which sweeps lie in no gap of the trajectory.
+        known: (S,) mask of the sweeps that lie in no gap of the trajectory.
         engine: where the motions are compared; the result does not depend on it.
         progress: called as motions are compared.
 
@@ -146,7 +147,7 @@ def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
 def _chain_across(
     gap: tuple[float, float], times: NDArray[np.float64], twists: Mapping[int, se2.Array | None], longest_s: float
 ) -> float | None:
-    """Returns the distance [m] between the ends of a gap by the chained motions of its scans, interpolated where unknown.
+    """Returns the distance [m] between the ends of a gap by its chained motions, which are interpolated where unknown.
 
     Args:
         gap: begin and end of the gap [s].
@@ -219,7 +220,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, *, 
 
     Args:
         checks: the speed checks of all windows; None for a window without a check.
-        capture: the largest errors that windows and speed checks can find.
+        capture: the largest errors that windows can measure.
         is_of_run: whether a run made the trajectory, so that the trajectory surely belongs to this recording.
     """
     sure = [check for check in checks if check is not None and check.sure]

@@ -70,11 +70,12 @@ def audit_steps(
 ) -> list[StepAudit]:
     """Judges every `_EVERY`-th step of a map outside gaps, and steps beside doubtful ones; returns them in order of time.
 
-    Doubtful steps match poorly, may fit elsewhere or are off. Steps with too few points on either side are left out.
+    A step is doubtful if its two sides match poorly, may also fit elsewhere, or are off by more than chance explains. Steps
+    with too few points on either side are left out.
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
-        known: (S,) which sweeps lie in no gap of the trajectory.
+        known: (S,) mask of the sweeps that lie in no gap of the trajectory.
         chance: p-value below which a step is off by more than chance explains.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
@@ -122,7 +123,10 @@ def _judge_step(step: Registration, p_value: float, shared: Shared, chance: floa
 
 
 def _lasts(step: Registration, shared: Shared) -> bool:
-    """Returns whether the scans farther from a step fit better with its offset corrected, or hold too few points."""
+    """Returns whether scans farther from a step also fit better with the step's offset corrected.
+
+    The result is also True if these scans, the `STEP_SCANS` scans beyond each side, hold too few points to show it.
+    """
     sweeps, settings, estimator = shared
     size, place = STEP_SCANS, step.later
     before = range(max(place - 2 * size, 0), max(place - size, size))
@@ -195,7 +199,7 @@ def _pick_beside(
 ) -> list[tuple[int, tuple[float, float]]]:
     """Returns the places next to steps that are off by more than chance explains, and how far to search there.
 
-    A step is also off if a jump lies among the scans on one of its sides, so the jump itself may lie between two steps.
+    A step is also off if a jump lies among the scans on one of its sides, so the jump may lie at a place that was left out.
 
     Args:
         registrations: the registration at each place, the number of the first sweep after a step.
@@ -219,7 +223,10 @@ def _pick_beside(
 
 
 def _register_far(shared: Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step over all plausible speeds; None unless this makes them fit far better."""
+    """Registers the two sides of a step over all plausible speeds; None unless they then fit far better.
+
+    `place` is the number of the first sweep after the step.
+    """
     sweeps, settings, _ = shared
     registration = _register_step(shared, (place, compute_far_reach(measure_span(sweeps, place - 1), settings)))
     return registration if registration is not None and fits_far_better(registration) else None
@@ -236,5 +243,5 @@ def _register_step(shared: Shared, step: tuple[int, tuple[float, float]]) -> Reg
 
 
 def pick_sides(place: int) -> tuple[range, range]:
-    """Returns the numbers of the `STEP_SCANS` sweeps before the sweep `place`, and of `STEP_SCANS` sweeps from it on."""
+    """Returns the numbers of the `STEP_SCANS` sweeps before the sweep `place`, and of the `STEP_SCANS` sweeps from it on."""
     return range(place - STEP_SCANS, place), range(place, place + STEP_SCANS)

@@ -1,4 +1,4 @@
-"""Places the points that an audit judges by a trajectory, divided into sweeps; a sweep of a recording is a scan."""
+"""Places the points of an audit by a trajectory, and divides them into sweeps; a sweep of a recording is a scan."""
 
 from __future__ import annotations
 
@@ -97,16 +97,16 @@ class Sweeps:
         return _gather(seen, at, seen.points[at] + shares[:, None] * steps[at])
 
     def local_amid(self, chosen: Sequence[int], frame: se2.Array, apart_m: float) -> PointSet:
-        """Returns the points of a lidar amid a surface: at most `apart_m` [m] from those of the beams on both sides.
+        """Returns the points of a lidar amid a surface: at most `apart_m` [m] from the points of both neighbouring beams.
 
-        The arguments are as in `local_surfaces`.
+        The arguments are the same as for `local_surfaces`.
         """
         seen, gaps = self._local_gaps(chosen, frame)
         amid = np.flatnonzero((gaps <= apart_m) & (np.roll(gaps, 1) <= apart_m))
         return _gather(seen, amid, seen.points[amid])
 
     def _local_gaps(self, chosen: Sequence[int], frame: se2.Array) -> tuple[PointSet, NDArray[np.float64]]:
-        """Returns the points (N) of sweeps, and their distances (N,) [m] to the next point; infinite at a sweep's end."""
+        """Returns N points of sweeps, and the distance (N,) [m] from each to the next; infinite at the end of a sweep."""
         seen = self.local(chosen, frame)
         gaps = np.full(len(seen), np.inf)
         gaps[:-1] = np.hypot(*np.diff(seen.points, axis=0).T)

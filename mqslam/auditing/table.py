@@ -111,7 +111,8 @@ TESTS: Final = (
         "in audits: the poses with the middles of a finished cloud's scans; a torn map with the maps under the mirrored "
         "trajectory and under yaw counted the other way",
         "a frame that is off by less than the width of a street",
-        rate="0.3 of the distance at which things are seen; less than half of the turning windows made whole",
+        rate="0.3 of the usual distance of points from the middle of their scan; less than half of the windows with turns "
+        "become whole",
     ),
     MapTest(
         "graph",
@@ -131,7 +132,7 @@ TESTS: Final = (
         "sensors",
         "the trajectory's turns with a gyroscope's, and its turns and speed with odometry's; in a run also its distances "
         "with the distances between GNSS fixes",
-        "what a bias of the gyroscope explains, slip",
+        "turns that a bias of the gyroscope explains, and slip of the wheels",
         rate="0.5° in a few scans, 3 % of the turns, 0.1 s; 10 % of the speed",
     ),
     MapTest(

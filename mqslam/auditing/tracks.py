@@ -148,7 +148,7 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
         track: the trajectory.
         times: (S,) starts of the scans [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
-        range_m: root mean square distance of the points from the sensor [m], at which an error of the yaw moves them.
+        range_m: root mean square distance of the points from the sensor [m], which converts an error of yaw to metres.
     """
     if len(track.times) < 3:
         return np.zeros(len(times))
@@ -191,7 +191,10 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
 
 
 def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Returns the steps between poses that contain any of times (S,) [s], as (begin, end) [s]; joins those that touch."""
+    """Returns the intervals (begin, end) [s] between successive poses that contain any of the times (S,) [s].
+
+    Adjacent intervals are joined.
+    """
     gaps: list[tuple[float, float]] = []
     for step in np.unique(_find_steps(track, times)).tolist():
         begin, end = float(track.times[step]), float(track.times[step + 1])
@@ -283,7 +286,7 @@ def _count_covered(track: Track) -> str:
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
-    """Describes intervals (begin, end) [s] in words, without an end at or after `last`, the start of the last scan [s]."""
+    """Describes intervals (begin, end) [s] in words; omits an end at or after `last`, the start of the last scan [s]."""
     return _join([f"from {a:.1f} s on" if b >= last else describe_times(a, b) for a, b in spans])
 
 
@@ -295,4 +298,4 @@ def _describe_jump(jump: Jump) -> str:
 def _join(parts: Sequence[str]) -> str:
     """Joins the first `_LISTED` parts of a sentence, and says how many more there are."""
     more = len(parts) - _LISTED
-    return ", ".join([*parts[:_LISTED], *([f"and {more} times more"] if more > 0 else [])])
+    return ", ".join([*parts[:_LISTED], *([f"and {more} more"] if more > 0 else [])])

@@ -73,7 +73,11 @@ class Share:
         return self.upper_bound(_POWER) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float) -> VerdictStatus:
-        """Returns `fail` or `warn` if surely above that limit, else `pass` if surely at most `fail`, else `not judged`."""
+        """Returns the verdict that the share gives by two limits (0 to 1), `warn` and `fail`.
+
+        A share that is surely above `fail` gives `fail`; otherwise, if surely above `warn`, it gives `warn`; otherwise, if
+        surely at most `fail`, it gives `pass`. Any other share is `not judged`.
+        """
         if self.is_above(fail):
             return VerdictStatus.FAIL
         if self.is_above(warn):
@@ -89,8 +93,9 @@ class Share:
 class Cause(IntEnum):
     """What may be wrong with a trajectory or a recording. The order of the members decides the diagnosis.
 
-    A member above JUMP also explains the faults of all members below it, so the topmost one found becomes the diagnosis.
-    From JUMP on, the members do not explain one another: the gravest finding wins; of several, the first member.
+    A member above JUMP also explains the faults of all members below it, so the topmost member found becomes the diagnosis.
+    JUMP and the members below it do not explain one another: the gravest finding among them becomes the diagnosis, and of
+    findings that are equally grave the one with the topmost member.
     """
 
     NO_POSES = auto()

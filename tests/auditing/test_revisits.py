@@ -143,7 +143,7 @@ def test_revisits_that_covariances_excuse_one_by_one_but_not_together_are_said_t
     finding, honesty = judge_revisits(revisits, CONFIG.audit, CONFIG.verdict), judge_honesty(revisits)
     assert honesty is not None and "are too small" in honesty.statement and any(r.excused for r in revisits)
     assert finding.status is not VerdictStatus.PASS
-    assert f"but not all together: over {len(revisits)} revisits, they are too small" in finding.reason
+    assert f"but not all together: over {len(revisits)} revisits, these covariances are too small" in finding.reason
     assert "as its own covariances allow" not in finding.explanation
 
 

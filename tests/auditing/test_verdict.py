@@ -136,8 +136,8 @@ def test_what_cannot_be_sure_is_no_revisit() -> None:
     hidden = judge_revisits(unsure, AuditConfig(), VerdictConfig(), path_m=480.0).reason
     # two stretches of 240 m, each by half a metre and half a degree, which the other half of the path carries on
     assert hidden == (
-        f"drift: none of 3 revisits is sure enough to show it, so that up to {2 * 0.5 + 240.0 * np.radians(1.0):.0f} m at "
-        "the end could hide"
+        f"drift: none of 3 revisits is sure enough to show it, so that a drift of up to "
+        f"{2 * 0.5 + 240.0 * np.radians(1.0):.0f} m at the end could hide"
     )
 
 

@@ -41,7 +41,7 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     Args:
         scans: scans of the recording.
         trajectory: poses of all scans.
-        config: all settings; the settings of the audit say what is registered.
+        config: all settings; the settings of the audit decide which scans are registered.
         beam: the sensor's errors.
         runner: where scans are registered; the result does not depend on it.
 

@@ -1,6 +1,7 @@
 """Converts an audit to parts of a pose graph: ties from windows, steps and spans, loops from revisits, noise of the steps.
 
-A `StepAudit` is a judged place between two scans. Any other step is a trajectory's motion from one scan to the next scan.
+A tie is a measured motion between nearby scans. A `StepAudit` is a judged place between two scans. Any other step is a
+trajectory's motion from one scan to the next scan.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
 
 
 def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-    """Returns the ties of windows with larger covariances, since a constant twist does not follow errors that vary.
+    """Returns the ties of windows with larger covariances, since a window's constant twist cannot follow varying errors.
 
     Args:
         ties: ties of windows.
@@ -182,9 +183,10 @@ def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
 
 
 def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
-    """Returns the motion across a registration, from `half` scans before its earlier scan to `half` scans after its later.
+    """Returns the measured motion across a registration as a tie that begins and ends `half` scans outside of it.
 
-    `covariance` (3, 3) is the covariance of the registration's offset, in the frame of the later scan.
+    The tie leads from `half` scans before the earlier scan to `half` scans after the later scan. `covariance`
+    (3, 3) is the covariance of the registration's offset, in the frame of the later scan.
     """
     a, b = registration.earlier - half, registration.later + half
     before = se2.between(sweeps.poses[a], sweeps.poses[registration.earlier])
@@ -239,7 +241,10 @@ def _keep_yaw(tie: Tie) -> Tie:
 
 
 def measure_misses(ties: Sequence[Tie], chain: se2.Array) -> NDArray[np.float64]:
-    """Returns K ties minus the motions of a chain of poses (N, 3): (K, 3) [m, m, rad], in the frame of each earlier scan."""
+    """Returns for each of K ties its motion minus the motion by a chain of poses (N, 3), as an array (K, 3) [m, m, rad].
+
+    Each difference is in the frame of the tie's earlier scan.
+    """
     return np.array([se2.subtract(tie.pose, se2.between(chain[tie.a], chain[tie.b])) for tie in ties]).reshape(-1, 3)
 
 

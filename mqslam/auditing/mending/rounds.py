@@ -113,8 +113,8 @@ def mend(
 ) -> Mended:
     """Mends a trajectory by its audit.
 
-    The mended trajectory has the stamps of the given trajectory, and moves like it between the scans. A map that is rendered
-    with the mended trajectory keeps its detail, and no motion is invented in a gap.
+    The mended trajectory has the stamps of the given trajectory, and moves like it between the scans. A map under the mended
+    trajectory therefore keeps its detail, and no motion is invented in a gap.
 
     Args:
         given: the trajectory and its audit.
@@ -175,7 +175,7 @@ def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
 
 
 class _Mender:
-    """Solves the pose graph of each round of mending; holds what all rounds share: steps, noise, jumps and torn places.
+    """Solves the pose graph of each round of mending, and holds the steps, noise, jumps and torn places that rounds share.
 
     Args:
         given: the trajectory and its audit.

@@ -49,7 +49,7 @@ def register_spans(
 
     Args:
         shared: points under the trajectory to judge, settings of the audit and settings of the score.
-        known: (S,) which sweeps lie in no gap of the trajectory.
+        known: (S,) mask of the sweeps that lie in no gap of the trajectory.
         engine: where spans are registered; the result does not depend on it.
         progress: called as spans are done.
         denser: multiplies the usual number of spans.
@@ -113,6 +113,10 @@ def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[i
 
     Returns None if the scans at the ends hold too few points, do not constrain every direction, or are less than half of a
     span's length apart.
+
+    Args:
+        given: what all spans share, a mask (S,) of the sweeps that lie in no gap, and the length of a span [m].
+        pair: numbers of the sweeps at the begin and at the end of the span.
     """
     (sweeps, settings, estimator), known, span_m = given
     reach = settings.search_m, settings.search_rad

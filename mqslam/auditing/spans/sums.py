@@ -35,7 +35,7 @@ class SumAudit:
         t0, t1: times of these sweeps [s] since the recording's start.
         path_m: length of the path from the begin of the first span to the end of the last span [m].
         offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad],
-            without the part that the corrections of the whole map explain.
+            without the part that errors of the whole trajectory (`Pooled`) explain.
         covariance: (3, 3) covariance of the offset, with the drift of psi itself.
         p_value: probability that a good map has a sum this far off anywhere.
         torn: whether the end is off by more than chance explains and by more than is tolerated.
@@ -94,7 +94,7 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
 
 
 def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
-    """Returns the bends in the order of time: torn sums; if some overlap, the one with the smallest p-value."""
+    """Returns the torn sums in the order of time; of torn sums that overlap, only the one with the smallest p-value."""
     bends: list[SumAudit] = []
     for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):

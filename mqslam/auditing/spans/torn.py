@@ -1,6 +1,7 @@
-"""Finds torn spans: stretches of path where a trajectory is off by more than the corrections of the whole map explain.
+"""Finds torn spans: stretches of path where a trajectory is off by more than errors of the whole trajectory explain.
 
 A stretch of path may be too long, too short or bent by too little for any window to show. The scans at its ends show this.
+`pooled` estimates the errors of the whole trajectory.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class SpanAudit:
     Args:
         registration: registration of the scans at the end of the span on the scans at its begin.
         t0, t1: times of the begin and the end of the span [s] since the recording's start.
-        offset: (3,) offset of the registration minus the part that the corrections of the whole map explain [m, m, rad].
+        offset: (3,) offset of the registration minus the part that errors of the whole trajectory explain [m, m, rad].
         covariance: (3, 3) covariance of the offset by the measurement, without the drift of psi itself.
         p_value: probability that a good map has a span this far off anywhere, alone or together with the next span; NaN if
             the map has too few spans to judge.
@@ -89,7 +90,7 @@ def audit_spans(
 
     Args:
         spans: N spans in the order of time.
-        expected: (N, 3) or (3,) parts of the offsets that the corrections of the whole map explain [m, m, rad].
+        expected: (N, 3) or (3,) parts of the offsets that errors of the whole trajectory explain [m, m, rad].
         times: (S,) times of the sweeps [s].
         settings: settings of the audit, with the tolerances.
         limits: settings of the verdict.

@@ -184,13 +184,19 @@ def _psi_best(bend: Bend) -> float:
 
 
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
-    """Returns N points of a window in the sensor's frame at the window's middle, and times (N,) since then, in sweeps."""
+    """Returns the N points of a window in the frame of the sensor at the window's middle, and their times (N,).
+
+    The times count sweeps from the middle of the window.
+    """
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)
 
 
 def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.float64]) -> PointSet:
-    """Returns points moved by a twist (3,) per sweep for times `into` (N,) in sweeps, with derivatives by the twist."""
+    """Returns N points moved by a twist (3,) [m, m, rad per sweep], with their derivatives by the twist.
+
+    Each point moves for the time `into` (N,) from the window's middle to the point, counted in sweeps.
+    """
     angle = twist[2] * into
     c, s = np.cos(angle), np.sin(angle)
     x, y = points.points.T

@@ -52,7 +52,7 @@ def judge_shaking(shared: Shared, windows: Sequence[WindowAudit], limits: Verdic
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
     if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # chance would explain even that smoothing helps in all windows
         hidden = f"noise of up to {settings.bend_m:g} m per scan could hide"
-        reason = f"noise of the poses: too few windows show it, so that {hidden}"
+        reason = f"noise of the poses: too few windows could show it, so that {hidden}"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     rises = np.array(engine.map(_measure_rise, (sweeps, smoothed, estimator), spans))
     p_value = float(wilcoxon(rises, alternative="greater").pvalue) if rises.any() else 1.0
