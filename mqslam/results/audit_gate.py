@@ -1,4 +1,4 @@
-"""Writes an audit in the forms that build servers show: Markdown and JUnit's XML, with what is worse than before."""
+"""Writes an audit in the forms that build servers show, Markdown and JUnit's XML, and finds tests with worse results."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
 
 
 def name_audited(summary: Mapping[str, Any]) -> str:
-    """Returns which data were audited, with their layout, and under which trajectory, if there is one.
+    """Returns as text the path and the layout of the audited data and, if there is one, the source of the trajectory.
 
     Args:
         summary: content of audit.json.
@@ -70,7 +70,7 @@ def list_outcomes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def format_markdown(summary: Mapping[str, Any]) -> str:
-    """Returns audit.json as Markdown: the verdict, what was audited, notes, what is worse than before, and the tests.
+    """Returns audit.json as Markdown: verdict, data, notes, statuses that are worse than in an earlier audit, and tests.
 
     The notes are those of `list_outcomes`, and the warnings.
     """

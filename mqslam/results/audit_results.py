@@ -162,11 +162,11 @@ def summarise(
         audit: judgement of the map.
         sweeps: the points that were judged, with their times.
         config: all settings.
-        dataset: format and path of what was audited.
+        dataset: format and path of the audited data.
         trajectory: source of the trajectory; None for a point cloud without a trajectory.
         warnings: warnings that a reader must know before the numbers.
         extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if none were stated.
-        is_part: whether only a stretch of a recording was asked for, so that poses outside of it are left out on purpose.
+        is_part: whether only a part of a recording was audited, so that poses outside of it are left out on purpose.
     """
     torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
     sure = [r for r in audit.revisits if r.sure]
@@ -214,7 +214,7 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns entries of audit.json: the number of torn windows or revisits, and bounds of their true share (0 to 1)."""
+    """Returns entries of audit.json: the number of torn windows or revisits, and confidence bounds of their share."""
     bounds = {"torn_share_at_least": torn.lower_bound(), "torn_share_at_most": torn.upper_bound()}
     return {"torn": torn.count, **bounds}
 
@@ -228,7 +228,7 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config, *
         mended: the mended trajectory and its audit.
         given: content of audit.json on the given trajectory.
         config: all settings.
-        is_part: whether only a stretch of the recording was asked for.
+        is_part: whether only a part of the recording was audited.
     """
     judged = mended.result
     own = summarise(judged.audit, judged.sweeps, config, given["dataset"], given["trajectory"], is_part=is_part)
@@ -307,7 +307,7 @@ def _list_uncovered(sweeps: Sweeps, *, is_part: bool) -> list[str]:
 
 
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:
-    """Returns the entry `speeds` of audit.json: results of the speed checks, and the largest errors that can be found."""
+    """Returns the entry `speeds` of audit.json: the results of the speed checks, and the errors that windows can measure."""
     sure = [w.speed for w in audit.windows if w.speed is not None and w.speed.sure]
     capture = audit.capture
     return {

@@ -17,9 +17,9 @@ from mqslam.results.files import format_csv
 from mqslam.version import __version__
 
 FAILED: Final = "failed"
-"""What is said of a run that failed, where others have their verdict."""
+"""State of a run that failed; the state of a finished run is its verdict."""
 NOT_FINISHED: Final = "not finished"
-"""What is said of a run that has not ended yet, where others have their verdict."""
+"""State of a run that has not ended yet."""
 _STATES: Final = (FAILED, *GRAVEST_FIRST, NOT_FINISHED)
 OPTIONS: Final = ("data", "frontend", "odometry", "imu", "gnss", "extrinsics", "frame", "start", "end")
 """Entries of a run in batch.json that hold the options of the run, named as in the list of runs."""
@@ -73,7 +73,7 @@ def check_batch(out: Path, orders: Sequence[Order], *, force: bool) -> None:
     Args:
         out: the folder.
         orders: the runs of the batch.
-        force: whether the folder may hold the results of another command.
+        force: whether the folder may be used although it holds the results of another command.
 
     Raises:
         OutputError: the folder holds the results of another command, is a file or cannot be made.
@@ -87,7 +87,7 @@ def check_batch(out: Path, orders: Sequence[Order], *, force: bool) -> None:
 
 
 def write_progress(out: Path, orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> None:
-    """Writes what is known of an unfinished batch, in the form of batch.json, into the file that marks it as unfinished.
+    """Writes the outcomes so far, in the form of batch.json, into the file that marks a batch as unfinished.
 
     Args:
         out: the batch's folder.
@@ -132,7 +132,12 @@ def state_of(verdict: str | None, failure: str | None) -> str:
 
 
 def _gather_notes(key: str, summaries: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Returns each text of an entry `key` of the runs' summaries once, with the names of the runs that it is said of."""
+    """Returns each text under `key` in the summaries once, with the names of the runs whose summaries hold the text.
+
+    Args:
+        key: an entry of summary.json that is a list of texts.
+        summaries: content of each run's summary.json by the name of the run; empty for a run without results.
+    """
     names: dict[str, list[str]] = {}
     for name, summary in summaries.items():
         for text in summary.get(key, ()):
@@ -141,10 +146,13 @@ def _gather_notes(key: str, summaries: Mapping[str, Mapping[str, Any]]) -> list[
 
 
 def number_notes(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Returns, by name of the run, the numbers of those entries `not_judged` of a batch's notes that are said of the run.
+    """Returns for each run, by its name, which notes `not_judged` of a batch apply to the run, such as `1, 3`.
 
     Args:
-        summary: content of batch.json; the entries of its notes are counted from 1.
+        summary: content of batch.json; its notes are counted from 1.
+
+    Returns:
+        The numbers of the notes as text. A run to which no note applies is absent.
     """
     numbers: dict[str, list[str]] = {}
     for number, note in enumerate(summary.get("notes", {}).get("not_judged", ()), 1):
@@ -154,7 +162,7 @@ def number_notes(summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
-    """Returns the row of a run in batch.json; what a run lacks that failed or has not ended is None."""
+    """Returns the row of a run in batch.json; values that a failed or unfinished run does not have are None."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
     verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}

@@ -73,7 +73,7 @@ _COLUMNS: Final = (
 
 
 def summarise(comparison: Comparison) -> dict[str, Any]:
-    """Returns the content of compare.json: the numbers of each row of the comparison, and what they show together."""
+    """Returns the content of compare.json: the numbers of each row, the best rows, and how far the rows agree."""
     recording = comparison.recording
     judged, across, best = comparison.judged, comparison.psi_across, comparison.best
     return {
@@ -253,7 +253,10 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
 
 
 def _write_row(folder: Path, row: Row, recording: Recording) -> None:
-    """Writes the trajectory of a row and its source into a new folder; that of a front end has a pose for every scan."""
+    """Writes the trajectory of a row, its covariances and the measurements of its front end into a new folder.
+
+    The trajectory of a front end gets a pose for every scan. A row that is a given trajectory has no measurements.
+    """
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
     trajectory = recording.complete(row.trajectory) if row.measurements else row.trajectory

@@ -1,4 +1,4 @@
-"""Makes what the results of several commands share: CSV, run.log, warnings of files that failed, ground truth for evo."""
+"""Makes the parts of results that several commands share: CSV, run.log, warnings about files, ground truth for evo."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ _EVO: Final = "evo_ape"
 
 
 def summarise_size(recording: Recording) -> dict[str, Any]:
-    """Returns the entries of `dataset` on a recording: number of scans, for a lidar also of scans left out, and duration."""
+    """Returns the entries of `dataset` on a recording: its number of scans and its duration, and scans left out.
+
+    Only scans of a lidar are left out, namely while the lidar has hardly moved.
+    """
     left_out = {"left_out": recording.left_out} if isinstance(recording, LidarRecording) else {}
     return {"revolutions": len(recording), **left_out, "duration_s": recording.duration_s}
 
@@ -40,7 +43,8 @@ def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -
 
     Args:
         rows: values of each row by the names of their columns.
-        columns: names in order; by default the names in the row that has most of them. Without any name, the text is empty.
+        columns: names of the columns in order; by default the names in the row with the most values. Without any name, the
+            text is empty.
     """
     rows = list(rows)
     names = columns or max((list(row) for row in rows), key=len, default=[])
@@ -60,10 +64,10 @@ def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds warnings, each about a file that is missing, to a summary, its JSON file, and the run.log beside it, if any.
+    """Adds warnings about files that could not be written to a summary, to its JSON file, and to the run.log beside it.
 
     Args:
-        path: the summary's JSON file; nothing is written if there are no warnings.
+        path: the summary's JSON file; nothing is written if there are no warnings, and no run.log if none is there.
         summary: content of this file, to which the warnings are added.
         warnings: what could not be written, and why.
 

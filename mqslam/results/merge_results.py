@@ -67,7 +67,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
 
 
 def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
-    """Returns the result of a merge as a sentence; `sure` is what `_summarise_alignment` returns."""
+    """Returns the result of a merge as a sentence; `sure` is the summary of the alignment by `_summarise_alignment`."""
     length = sum(trajectory.length_m for trajectory in merged.trajectories)
     before, after = merged.psi.mean(axis=0).tolist()
     is_alike = abs(after - before) < _ALIKE * before
@@ -83,8 +83,8 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     """Returns how uncertain the recordings' alignment is, by the standard deviations [m] of keyframes.
 
-    A keyframe has a standard deviation relative to each of the other recordings. The result holds the median and the maximum
-    of all these, and the share that is small enough to search for changes; all three are None if none is known.
+    A keyframe has a standard deviation relative to each of the other recordings. The result holds the median and the largest
+    standard deviation [m], and the share (0 to 1) that is small enough to search for changes; all are None if none is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]

@@ -226,7 +226,7 @@ def format_measurements(measurements: Sequence[Measurement]) -> str:
 
 
 def format_graph_table(run: Run) -> str:
-    """Returns a CSV row for each edge of graph.g2o, with what g2o cannot express.
+    """Returns as CSV, for each edge of graph.g2o, the properties that g2o cannot express.
 
     A row has the edge's number, its vertices, its kind, its robust loss with parameter, and the stamps of its scans [us].
     """
@@ -243,10 +243,15 @@ def format_graph_table(run: Run) -> str:
 
 
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
-    """Returns the kind of an edge from its two vertices, of which those below `size` are scans and all others are submaps.
+    """Returns the kind of an edge: `measurement`, `map`, `motion`, `loop` or `refinement`.
 
     An edge from a submap is a `measurement` (to a scan) or a `map` (to a submap). An edge between scans is a `motion` if the
-    scans are successive, a `loop` if its loss is that of loops, and else a tie of the `refinement`.
+    scans are successive, a `loop` if its loss is `cauchy`, and else a tie of the `refinement`.
+
+    Args:
+        ends: numbers of the edge's two vertices. Numbers below `size` are scans, and all others are submaps.
+        size: number of scans in the graph.
+        loss: name of the edge's robust loss.
     """
     a, b = ends
     if a >= size:
@@ -283,9 +288,10 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns how gyroscope, GNSS and chirps are used, how far each moves the trajectory [m] (RMS) and turns its end [rad].
+    """Returns for gyroscope, GNSS and chirps an entry on how the sensor is used and how it changes the trajectory.
 
-    The entry of a missing sensor is None; the distance and the angle are None if they are not known.
+    The change is the distance by which the sensor moves the trajectory [m] (RMS) and the angle by which it turns its end
+    [rad]; both are None if they are not known. The entry of a missing sensor is None.
     """
     used = run.sensors
     found: dict[str, dict[str, Any] | None] = {

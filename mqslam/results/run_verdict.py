@@ -64,7 +64,7 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
 
 
 def _judge_nothing(finding: Finding) -> Finding:
-    """Returns the finding that replaces another if no window was judged: a warning becomes `not judged`, others stay."""
+    """Returns a finding as it counts if no window was judged: `warn` becomes `not judged`, any other status stays."""
     return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
@@ -96,7 +96,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 
 def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
-    """Returns a warning for each stretch in which a front end lost track; stretches near each other share one warning."""
+    """Returns a warning for each stretch in which a front end lost track; close stretches share one warning (`_NEAR_S`)."""
     return _warn_of_stretches("the front end lost track", find_stretches(measurements, Status.LOST))
 
 
@@ -132,7 +132,7 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
     """Returns a warning for each stretch; stretches that are less than `_NEAR_S` apart share one warning.
 
     Args:
-        what: what happened in each stretch, in words.
+        what: clause that each warning begins with, such as `the front end lost track`.
         spans: beginning and end of each stretch [s since the recording's start], in the order of time.
     """
     groups: list[list[tuple[float, float]]] = []
@@ -179,7 +179,7 @@ def _judge_passes(run: Run) -> list[Finding]:
 
 
 def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
-    """Returns a finding of this status and reason, which is explained by an optimisation that made the map worse."""
+    """Returns a finding with the given status and reason, and the explanation that optimisation made the map worse."""
     explanation = "loops or other sensors bend the map, which was crisper before optimisation; try a run without them"
     return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
@@ -228,7 +228,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], sensor: str) -> list[str]:
 
     Args:
         gaps: index of the scan before each gap, and the missing time [s].
-        sensor: what the warnings call the sensor.
+        sensor: name of the sensor in the warnings.
     """
     warnings = []
     for scan, missing_s in gaps[:_LISTED]:
@@ -271,13 +271,13 @@ def _shows_scale(fixes: FixUse | None) -> bool:
 
 
 def list_unknowns(run: Run, recording: Recording) -> list[str]:
-    """Returns lines on what psi cannot show of the sensor; an empty list if odometry or GNSS shows the scale of the map.
+    """Returns lines on errors of the sensor that psi cannot show; no line if odometry or GNSS shows the scale of the map.
 
     Psi depends neither on the map's scale, nor on an offset of all azimuths, nor on a delay of all stamps.
     """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
-    unchecked = "neither odometry nor GNSS in use shows enough to check it"
+    unchecked = "neither odometry nor GNSS shows enough to check it"
     if not recording.range_resolution:
         return [f"the scale of the map rests on the ranges that the lidar measures: {unchecked}"]
     known = "assumed" if recording.is_resolution_assumed else "stated"
@@ -289,5 +289,5 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns the trajectory's median speed divided by odometry's; None without odometry, or if they show no ratio."""
+    """Returns the median speed of the trajectory divided by the median speed of odometry; None if it is not known."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None
