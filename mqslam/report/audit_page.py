@@ -143,8 +143,8 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
         chart = _chart_revisits(audit.revisits, settings, sweeps.travelled, "path [m]")
         charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
     note = (
-        f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the "
-        "correction that leads there, squared, in units of its own covariance. No ground truth is used."
+        f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the squared "
+        "correction that makes this best map, in units of its own covariance. No ground truth is used."
     )
     return Section("Windows and revisits", [note], figures=charts) if charts else None
 
@@ -175,7 +175,7 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
 def _show_mended(
     audit: Audit, sweeps: Sweeps, summary: Mapping[str, Any], mended: AuditedTrajectory | None
 ) -> Section | None:
-    """Returns a section that compares the given and the mended trajectory; None without a mended trajectory."""
+    """Returns a section that compares the maps and verdicts of the given and the mended trajectory; None if not mended."""
     after = part_of(summary, "mended")
     if mended is None or not after:
         return None
@@ -225,8 +225,9 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
 def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
     """Returns the places that can be clicked, in the order of time.
 
-    They are (1) `_MOST_WINDOWS` windows at most, all torn windows before any other, and (2) jumps, torn spans, torn sums and
-    torn revisits, `_MOST_PAIRS` at most. If there are more, the first torn windows are taken; all others are picked evenly.
+    At most `_MOST_WINDOWS` are windows: the first torn windows, and other windows only if there is room for them. At most
+    `_MOST_PAIRS` are jumps, torn spans, torn sums and torn revisits. Of too many places other than torn windows, some are
+    picked evenly.
     """
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
@@ -271,7 +272,7 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
 
 
 def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) -> Section | None:
-    """Returns a table of what could not be judged, with its place and the file that lists it; None if all was judged."""
+    """Returns a table of the places that could not be judged, with the file that lists each; None if all was judged."""
     rows = list_unmatched(sweeps, audit)
     blind = [str(line) for line in summary.get("not_judged") or ()]
     if not rows and not blind:
@@ -316,7 +317,7 @@ def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
 def _list_measures(audit: Audit) -> list[tuple[str, str]]:
     """Returns for each measure its name, and as text its median and its 5 % and 95 % quantiles.
 
-    The quantiles are those of the windows for which the measure is known; without such a window, they are dashes.
+    The quantiles are over the windows for which the measure is known; without such a window, the text has dashes.
     """
     windows = audit.windows
     measured = [

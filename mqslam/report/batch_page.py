@@ -102,7 +102,7 @@ def _format_number(key: str, value: Any, unit: str) -> str:
 
 
 def _list_unjudged(summary: Mapping[str, Any]) -> Section | None:
-    """Returns a table of what could not be judged, each with its number and its runs; None if all was judged."""
+    """Returns a table of the notes on what could not be judged, each with its number and its runs; None without notes."""
     notes = summary["notes"]["not_judged"]
     rows = [(str(number), note["text"], join_words(note["runs"])) for number, note in enumerate(notes, 1)]
     return Section("Not judged", table=Table(("number", "what", "runs"), rows, holds_words=True)) if rows else None

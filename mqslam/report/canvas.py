@@ -98,7 +98,7 @@ class Chart:
         title: title of the left y axis, with its unit.
         curves: the curves.
         levels: name, value and colour of each horizontal line across the chart.
-        log: names of the logarithmic axes: `x`, `y` for the left y axis, `beside` for the right one.
+        log: names of the logarithmic axes: `x`, `y` for the left y axis, and `beside` for the right y axis.
         x_title: title of the x axis.
         beside: title of the right y axis; empty for no such axis.
         top: upper end of the y axes; None fits it to the values.
@@ -180,7 +180,8 @@ def find_common_view(positions: Sequence[Points], shape: tuple[float, float], le
     Args:
         positions: arrays (N, 2) [m], of which at least one is not empty; NaN is ignored.
         shape: least and greatest ratio of the rectangle's height to its width; the rectangle is enlarged to meet them.
-        left_out: share of each array's positions that may lie beyond each side; far points would shrink the picture.
+        left_out: share (0 to 1) of each array's positions that may lie beyond each side of the rectangle, since a few far
+            points would make everything else too small.
     """
     filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
     release(*positions)
@@ -409,7 +410,7 @@ def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None 
 
 
 def _use_plain_log(axes: Axes, which: str) -> None:
-    """Makes the axis `which` (`x` or `y`) logarithmic, with numbers such as 1, 2, 5, 10; on a wide one powers of ten."""
+    """Makes the axis `which` (`x` or `y`) logarithmic, with ticks such as 1, 2, 5, 10; on a wide axis, powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{which}scale": "log"})

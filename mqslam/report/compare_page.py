@@ -119,7 +119,12 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
 def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
     """Returns the table of the rows with their ranks: the best row first, rows that failed last, with the reason.
 
-    The other cells are those of the table in the terminal.
+    All cells but the ranks are the same as in the terminal's table.
+
+    Args:
+        comparison: the finished comparison.
+        table: lines of the terminal's table, the head first.
+        marked: line and column in `table` of each value that is the best of its column.
     """
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
@@ -312,9 +317,9 @@ def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explo
 
 
 def _show_difference(comparison: Comparison) -> Section:
-    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges the rows and how.
+    """Returns a section with a picture of the place where the rows are the farthest apart, and a table of answers.
 
-    Fewer than two rows give no picture.
+    The answers explain how the rows are judged. With fewer than two rows there is no picture.
     """
     rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
     drawn = draw_difference(rows, truth)
@@ -376,7 +381,7 @@ def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns a sceptic's questions and the answers: who judges, by what, what if ground truth disagrees, why a verdict."""
+    """Returns questions that a sceptical reader may have about the judgement of the rows, each with its answer."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "

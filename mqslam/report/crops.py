@@ -30,7 +30,7 @@ There is an array for each sweep of a window, or one for the earlier and one for
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Crops a place to the square where its correction gains most: there it brings later points closer to earlier ones.
+    """Crops a place to the square in which its correction brings later points the most closer to earlier points.
 
     Args:
         sweeps: the points that were judged.

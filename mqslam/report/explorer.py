@@ -204,9 +204,9 @@ def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
 
 
 def explain_torn(settings: AuditConfig) -> str:
-    """Explains, for the page, when a window counts as torn, and the marks of torn, undecided and all other places.
+    """Returns sentences that explain when a window is torn, and the marks of torn, undecided and all other places.
 
-    An inflation above `TORN_INFLATION` alone does not make a window torn.
+    An inflation above `TORN_INFLATION` alone does not make a window torn; `settings` give the least correction.
     """
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "

@@ -115,8 +115,8 @@ def _show_map(merged: Merged) -> Section:
 def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
     changes = summary["changes"]
     notes = [
-        "An object that several keyframes of one recording show, where the other one shows nothing and looks past the "
-        "place, from the same side and from no farther away, at something behind it. Such objects are looked for only near "
+        "A change is an object that several keyframes of one recording show and the other recording does not, although it "
+        "sees something behind the place, from the same side and from no farther away. Changes are looked for only near "
         "links, where the pose of the recordings relative to each other is known well enough."
     ]
     if not changes:

@@ -1,4 +1,4 @@
-"""Makes the HTML page of a command from sections, by one template: a single file that loads nothing from elsewhere."""
+"""Makes the HTML page of a command from sections and one template: a single file that loads nothing from elsewhere."""
 
 from __future__ import annotations
 

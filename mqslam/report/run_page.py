@@ -125,7 +125,7 @@ def _stood_still(run: Run) -> bool:
 
 
 def _left_as_it_was(run: Run) -> bool:
-    """Returns whether optimisation left every position where it was."""
+    """Returns whether optimisation moved no position by `_SAME_PATH_M` or more."""
     a, b = run.odometry, run.optimised
     return bool(np.array_equal(a.stamps_us, b.stamps_us) and np.all(np.abs(a.poses - b.poses)[:, :2] < _SAME_PATH_M))
 
@@ -316,10 +316,10 @@ def _show_windows(run: Run) -> list[Place]:
 
 
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
-    """Returns for each window two arrays of points (M, 2) [m]: those seen at its time, and all others.
+    """Returns for each window two arrays of points (M, 2) [m] around it: points seen at the time of the window, and others.
 
-    Those of its time were seen within `_SAME_TIME_S` of the window's middle. The points are in the frame of the sensor at
-    the window's middle scan. If the page cannot show all points, the map is thinned evenly, so that the crops of a lidar,
+    The first array holds points seen within `_SAME_TIME_S` of the window's middle. All are in the frame of the sensor at the
+    window's middle scan. If the page cannot show all points, the map is thinned evenly, so that the crops of a lidar,
     whose windows all show the same rooms, do not fill the memory.
     """
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
@@ -468,7 +468,7 @@ def _chart_sigmas(run: Run) -> list[Figure]:
 
 
 def _list_numbers(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Section:
-    """Returns the numbers at the end of a run's page; angles are in degrees."""
+    """Returns the section of numbers at the end of a run's page; angles are in degrees."""
     parts = {**summary, **part_of(summary, "sensors")}
     groups = [(f"Map quality: {run.before} → optimised", _list_quality(run, recording, part_of(summary, "psi")))]
     for group, heading in _GROUPS.items():

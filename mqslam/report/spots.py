@@ -1,7 +1,7 @@
 """Lists the places of an audited map that are torn or could not be judged, with their corrections, in words and in files.
 
 `mqslam.results.audit_results` explains the words of an audit, such as sweep, jump, span and revisit. A sum adds up
-successive spans. A stretch is a row of successive sweeps. The correction of a place is the motion that makes its points fit.
+successive spans. A stretch is a few successive sweeps. The correction of a place is the motion that makes its points fit.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def spot_of_window(window: WindowAudit) -> Spot:
         correction=bend.correction,
         inflation=bend.inflation,
         torn=window.torn,
-        text=f"Best with the window's end moved {motion} relative to its begin, which moves its points by {size}; "
+        text=f"Its map is best with the window's end moved {motion} relative to its begin, which moves points by {size}; "
         f"{100.0 * bend.matched:.0f} % of them are seen twice. Inflation {format_three_digits(bend.inflation)}{known}.",
         undecided=window.undecided,
     )
@@ -186,7 +186,13 @@ def _describe_stretch(t0: float, t1: float) -> str:
 
 
 def _describe_fit(what: str, off_m: float, correction: se2.Array) -> str:
-    """Returns in words how far and in which direction the later of two stretches, named by `what`, must move to fit."""
+    """Returns in words how far and in which direction the later of two stretches must move to fit the earlier stretch.
+
+    Args:
+        what: name of the later stretch, as subject of the sentence.
+        off_m: distance that the later stretch must move [m].
+        correction: (3,) motion x, y [m], yaw [rad] that makes the later stretch fit.
+    """
     return f"{what} fits {format_length(off_m)} from where the trajectory has it, moved {describe_motion(correction)}"
 
 
@@ -233,9 +239,10 @@ def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
 
 
 def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
-    """Lists what could not be decided: a row of text for each run of successive windows, steps or revisits.
+    """Lists undecided windows, steps and revisits, each kind apart; successive ones with the same reason share a row.
 
-    Of more than `_MOST` runs of one kind, the longest are listed, and a last row counts the windows, steps or revisits left.
+    Of more than `_MOST` rows of one kind, the rows that stand for the most windows, steps or revisits are listed, and a last
+    row counts the windows, steps or revisits that are left.
 
     Args:
         sweeps: the points that were judged.

@@ -182,10 +182,10 @@ def describe_place(position: NDArray[np.float64]) -> str:
 def describe_motion(motion: Iterable[float]) -> str:
     """Returns a planar motion in words: how far ahead or back, how far left or right, and by which angle to which side.
 
+    A motion too small for words is `nowhere`.
+
     Args:
         motion: (3,) x [m] ahead, y [m] to the left, yaw [rad] to the left.
-
-    A motion too small for words is `nowhere`.
     """
     x, y, yaw = motion
     parts = []
