@@ -53,7 +53,7 @@ _APART_FAIL = 0.5
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool = False) -> list[Finding]:
-    """Judges a map by its windows.
+    """Judges a map by its windows: by how many are torn, and in how many almost no point is seen twice.
 
     Args:
         windows: the windows that were judged, decided or not.
@@ -170,9 +170,9 @@ def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> b
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether the offset of a step is larger than chance explains, and is the only one at which its sides fit best.
+    """Returns whether a step's offset is larger than chance explains, and its two sides fit better with the offset corrected.
 
-    The two sides of the step must fit better with the offset corrected than under the trajectory.
+    The sides must also fit about as well at no other offset.
     """
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
@@ -183,7 +183,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     """Returns the steps that show a jump of the map; steps that share scans may show the same jump.
 
     At a jump, (1) the offset is larger than chance explains and larger than `settings.jump_m`, (2) the two sides fit better
-    with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as those of
+    with the offset corrected, and (3) they fit nowhere else about as well: scans with few points in common, such as scans of
     a lidar that turns on the spot, fit at many places. A jump below `settings.torn_m` must also last: otherwise only a few
     scans are displaced. Where poses are too sparse to follow the turns, any jump must last and exceed `doubt_m`.
 
@@ -278,12 +278,12 @@ def judge_pooled(
 
 
 def _are_proven(estimate: Estimate, tolerated: float | tuple[float, ...], limits: VerdictConfig) -> NDArray[np.bool_]:
-    """Returns a mask (Q,) of the parameters whose absolute values exceed `tolerated` and what chance explains."""
+    """Returns a mask (Q,) of the parameters of an estimate that are larger than chance explains and than `tolerated`."""
     return (np.abs(estimate.value) > tolerated) & (estimate.p_value < share_of_false_alarms(limits))
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Estimate | None:
-    """Returns the lever arm of the sensor; None if it is unknown, or if each axis is tolerated or explained by chance."""
+    """Returns the lever arm of the sensor; None if unknown, or if it is tolerated or explained by chance on both axes."""
     lever = pooled.lever
     return lever if lever is not None and _are_proven(lever, LEVER_WARN, limits).any() else None
 
@@ -294,7 +294,13 @@ def find_delay(pooled: Pooled, limits: VerdictConfig) -> Estimate | None:
 
 
 def _name_extrinsics(given: se2.Array, turned: float, lever: Estimate | None) -> str:
-    """Returns given extrinsics (3,) [m, m, rad], corrected by a turn [rad] and a lever arm, as text: x, y [m], yaw [deg]."""
+    """Returns corrected extrinsics as text: x, y [m], yaw [degrees], with commas between them.
+
+    Args:
+        given: (3,) extrinsics x, y [m], yaw [rad] to be corrected.
+        turned: correction of the yaw [rad].
+        lever: correction of x and y [m] in the frame of the sensor; None for no correction.
+    """
     if lever is None:
         return f"{given[0]:zg},{given[1]:zg},{np.degrees(given[2] + turned):z.2f}"
     x, y, yaw = se2.compose(given, [*lever.value, turned])
@@ -302,7 +308,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Estimate | None) ->
 
 
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns `pooled.bias` as values (3,) [m/m, m/m, rad/m], with 0 where a value is tolerated or explained by chance."""
+    """Returns the values (3,) of `pooled.bias` [m/m, m/m, rad/m]; 0 for a value that is tolerated or explained by chance."""
     proven = _are_proven(pooled.bias, (SCALE_WARN, SCALE_WARN, TURN_WARN), limits)
     return np.where(proven, pooled.bias.value, 0.0)
 
@@ -394,7 +400,7 @@ def _describe_worst(torn: Sequence[WindowAudit]) -> str:
 
 
 def _describe_span(span: SpanAudit) -> str:
-    """Returns in words by how much and at what time a span is off."""
+    """Returns in words how far the end of a span is off, in which direction or by which angle, and the time of the span."""
     where = describe_times(span.t0, span.t1)
     if span.distance_m < np.sqrt(0.5) * span.size_m:
         turn = f"{np.degrees(abs(span.offset[2])):.1f} deg to the {left_or_right(-span.offset[2])}"
@@ -449,10 +455,10 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
     """Returns the finding `not judged` on a cloud without a trajectory: even a crisp cloud does not show a drift."""
-    reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
+    reason = "drift and revisits cannot be judged without the cloud's trajectory"
     torn = share_torn(windows)
     if torn.total and not torn.count:
-        reason = f"its {count_of(torn.total, 'window')} {is_or_are(torn.total)} crisp, but {reason}"
+        reason = f"the cloud's {count_of(torn.total, 'window')} {is_or_are(torn.total)} crisp, but {reason}"
     return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 
@@ -519,7 +525,7 @@ def judge_revisits(
 
 
 def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest series of successive revisits that agree on an offset; an empty list if no revisits agree.
+    """Returns the longest series of sure, successive revisits that agree on an offset; an empty list if no revisits agree.
 
     `_ROW` successive revisits agree if each is off by more than chance explains, and the mean of their offsets is larger
     than is tolerated. The offset may change slowly along a longer series.
@@ -540,7 +546,10 @@ def _measure_mean(row: Sequence[RevisitAudit]) -> float:
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns in words why no revisit shows a drift, and how large a drift could hide; any, if `path_m` [m] is None."""
+    """Returns in words why no revisit shows a drift, and how large a drift could hide.
+
+    If the length of the path, `path_m` [m], is None, a drift of any size could hide.
+    """
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"

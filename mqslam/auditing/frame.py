@@ -104,9 +104,9 @@ class Reading(NamedTuple):
     """Another way to read the poses of a trajectory, such as mirrored.
 
     Args:
-        name: what is wrong with the trajectory if the map is whole under this reading.
+        name: fault of the trajectory if the map is whole under this reading, as a sentence.
         remedy: how to correct the trajectory.
-        signs: multipliers of x, y and yaw (1 or -1) that convert the poses to this reading.
+        signs: factors (1 or -1) of x, y and yaw that convert the poses to this reading.
     """
 
     name: str
@@ -171,7 +171,7 @@ def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
 
 
 def _is_whole(shared: Shared, given: WindowAudit) -> bool:
-    """Returns whether a `given` window, under the poses of `shared`, is not torn, is crisper, and has a confirmed speed."""
+    """Returns whether a window is whole under the poses of `shared`, crisper than as `given`, and its speed is confirmed."""
     sweeps, _, estimator = shared
     window = audit_window(shared, given.begin)
     if window.torn or window.bend.psi >= given.bend.psi:

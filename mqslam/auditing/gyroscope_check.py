@@ -188,9 +188,9 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
 
 
 def _find_missed_turn(gyroscope: Gyroscope, start_us: int, times: NDArray[np.float64], yaws: NDArray[np.float64]) -> str:
-    """Returns in words the clearest turn of the gyroscope that the trajectory nowhere makes; an empty text without any.
+    """Returns in words the largest turn by the gyroscope that the trajectory nowhere makes; an empty text if none is missed.
 
-    Turns near the ends of the trajectory do not count, since the clocks of the two may differ.
+    Turns near the ends of the trajectory do not count, since the clocks of gyroscope and trajectory may differ.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -224,7 +224,7 @@ def _find_missed_turn(gyroscope: Gyroscope, start_us: int, times: NDArray[np.flo
 
 
 def _describe_bias(rotation: Rotation) -> str:
-    """Returns the estimated bias of a gyroscope in words, since it can hide a constant drift of the trajectory's yaw."""
+    """Returns words on the estimated bias of a gyroscope, which hides a constant drift of the trajectory's yaw."""
     rate = abs(float(np.rad2deg(rotation.bias)))
     return f"it cannot show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 

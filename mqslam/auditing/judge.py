@@ -110,7 +110,7 @@ class Audit:
 
 
 class Known(NamedTuple):
-    """What is known about a trajectory besides its poses.
+    """Knowledge about a trajectory besides its poses.
 
     Args:
         stated: gives the covariances that the trajectory itself states for one pose relative to another, by the numbers
@@ -153,7 +153,7 @@ def audit(
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as parts of the map are done.
         sampled: largest number of windows to judge, evenly spread; None judges all windows.
-        known: what is known about the trajectory besides its poses.
+        known: knowledge about the trajectory besides its poses, such as covariances and findings of sensors.
 
     Raises:
         ConfigError: a test that the user added stops with an error, or does not return findings.
@@ -262,7 +262,7 @@ def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: Audi
 
 
 def _shows(step: StepAudit, jump: Jump, settings: AuditConfig) -> bool:
-    """Returns whether the scans on either side of a step show a jump of the poses there, by more than `settings.torn_m`."""
+    """Returns whether a step lies at a jump of the poses, and its scans show an offset of more than `settings.torn_m`."""
     registration = step.registration
     is_large = registration.size_m > max(settings.torn_m, registration.doubt_m)
     fits = registration.unrivalled and registration.psi_best < registration.psi
@@ -289,6 +289,12 @@ def _decide(
     The first rule that holds decides. (1) Most scans lie in a gap of the trajectory: undecided. (2) The scans contradict the
     speed: torn, whatever the inflation. (3) Almost no point is seen twice, even in the best map: undecided. (4) Otherwise:
     as `audit_windows` has judged the inflation.
+
+    Args:
+        windows: windows as `audit_windows` returns them.
+        speeds: the speed check of each window; None where there is none.
+        interpolated: (S,) mask of the sweeps that lie in a gap of the trajectory.
+        capture: the largest errors of a trajectory that windows can measure.
     """
     decided = []
     for window, speed in zip(windows, speeds, strict=True):

@@ -85,7 +85,7 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
 
 
 def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the mean speeds (N,) [m/s] along straight lines from the poses of N indices `begins` to those of `ends`."""
+    """Returns the mean speeds (N,) [m/s] along straight lines between poses with the indices `begins` and `ends` (N,)."""
     moved = track.poses[ends, :2] - track.poses[begins, :2]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
 

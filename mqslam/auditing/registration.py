@@ -93,7 +93,10 @@ def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
-    """Returns the time [s] from the sweep `begin` to the next sweep: by their numbers or by their times, the longer one."""
+    """Returns the time [s] from the sweep `begin` to the next sweep.
+
+    It is the difference of the times of the sweeps or, if longer, the difference of their numbers in revolutions.
+    """
     return max(
         float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
         float(sweeps.times[begin + 1] - sweeps.times[begin]),  # larger across a pause of the recording
@@ -148,7 +151,7 @@ def register(
     estimator: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Registration | None:
-    """Registers one stretch on another; returns None if either stretch holds too few points.
+    """Registers a later stretch of sweeps on an earlier stretch by psi; returns None if either holds too few points.
 
     Args:
         sweeps: points under the trajectory to judge.

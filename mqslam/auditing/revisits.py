@@ -55,7 +55,7 @@ class Offsets:
         return se2.normalise(self.offsets, self.covariances)
 
     def take(self, chosen: NDArray[np.bool_]) -> Offsets:
-        """Returns the offsets that a mask (N,) selects."""
+        """Returns the offsets that the mask `chosen` (N,) selects."""
         return Offsets(self.offsets[chosen], self.covariances[chosen], self.poses[chosen], self.places[chosen])
 
     def carry(self, i: int, k: int) -> NDArray[np.float64]:

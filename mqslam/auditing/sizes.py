@@ -1,4 +1,4 @@
-"""Defines what all parts of an audit share: how many scans windows and steps take, and the largest inflation by chance.
+"""Defines constants of all parts of an audit: numbers of scans in windows and steps, and the largest inflation by chance.
 
 The inflation of a window or a revisit is its squared error in units of the error's covariance.
 """

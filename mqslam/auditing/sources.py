@@ -144,7 +144,7 @@ class Source:
         format: name of its layout.
         scans: its scans, of a radar or a lidar.
         tracks: trajectories that the recording itself carries, by name.
-        notes: what a user should know about how the recording was interpreted.
+        notes: notes for the user on how the recording was interpreted.
         gyroscope: readings of the recording's gyroscope, or None.
         is_of_lidar: whether a lidar made the recording.
     """

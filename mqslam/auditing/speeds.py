@@ -120,7 +120,7 @@ def check_speeds(
 def _find_wrong(
     gaps: Sequence[tuple[float, float]], track: Track, shared: Shared, engine: Engine, progress: Progress
 ) -> set[tuple[float, float]]:
-    """Returns the gaps (begin, end) [s] between whose ends the scans show another distance than the trajectory."""
+    """Returns the gaps (begin, end) [s] between whose ends the scans show a different distance than the trajectory."""
     sweeps, settings, estimator = shared
     inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
     pairs = sorted({begin for begins in inner.values() for begin in begins})
@@ -138,7 +138,12 @@ def _find_wrong(
 
 
 def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
-    """Returns the numbers of the sweeps whose motion to the next sweep overlaps a gap (begin, end) [s] in time."""
+    """Returns the numbers of the sweeps whose motion to the next sweep overlaps a gap in time.
+
+    Args:
+        gap: begin and end of the gap [s].
+        times: (S,) times of all sweeps [s].
+    """
     first = int(np.searchsorted(times, gap[0], side="right")) - 1
     last = int(np.searchsorted(times, gap[1], side="left"))
     return range(max(first, 0), min(last, len(times) - 1))
@@ -237,8 +242,8 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, *, 
     median = float(np.median([check.error_mps for check in off]))
     reason = (
         f"the scans contradict the trajectory's speed at {share.count} of {count_of(share.total, 'place')}, by {median:.1f} "
-        f"m/s in the median: corrections beyond {capture.window_m:.2g} m over a window ({capture.speed_mps:.2g} m/s) cannot "
-        "be measured, and inflation means nothing there"
+        f"m/s in the median: a window cannot measure corrections beyond {capture.window_m:.2g} m ({capture.speed_mps:.2g} "
+        "m/s), so that inflation means nothing there"
     )
     status = VerdictStatus.WARN if share.is_above(WINDOWS_WARN) else VerdictStatus.PASS
     explanation = f"the trajectory's speed is wrong by {median:.1f} m/s at {count_of(share.count, 'place')}"

@@ -106,7 +106,10 @@ class Sweeps:
         return _gather(seen, amid, seen.points[amid])
 
     def _local_gaps(self, chosen: Sequence[int], frame: se2.Array) -> tuple[PointSet, NDArray[np.float64]]:
-        """Returns N points of sweeps, and the distance (N,) [m] from each to the next; infinite at the end of a sweep."""
+        """Returns the N points of sweeps, as `local` does, and the distance (N,) [m] from each point to the next point.
+
+        The distance is infinite at the end of a sweep.
+        """
         seen = self.local(chosen, frame)
         gaps = np.full(len(seen), np.inf)
         gaps[:-1] = np.hypot(*np.diff(seen.points, axis=0).T)

@@ -24,8 +24,8 @@ class MapTest:
 
     Args:
         name: key of the test in audit.json and summary.json.
-        compares: what is compared with what.
-        blind: what the test cannot see.
+        compares: the data that the test compares with each other, in words.
+        blind: the faults that the test cannot see, in words.
         tolerance: returns the largest tolerated errors in position [m] and in yaw [rad] (None: no limit on the yaw); None if
             the test has no tolerance in these units.
         rate: the tolerance in words if `tolerance` is None; otherwise words that follow the tolerance.
@@ -103,7 +103,7 @@ TESTS: Final = (
     MapTest(
         "trajectory",
         "the poses with each other and with the scans' times: gaps, jumps that no vehicle makes, scans without a pose",
-        "poses that are wrong and smooth",
+        "wrong poses on a smooth path",
         rate="0.5 m beyond what a vehicle can do; 10 % of the scans",
     ),
     MapTest(
@@ -124,7 +124,7 @@ TESTS: Final = (
     MapTest(
         "tracking",
         "the status of every scan: whether it was read, kept track, and observed every direction of its motion",
-        "scans that converged to something wrong",
+        "scans that converged to a wrong pose",
         rate="no lost scan; 10 % that observe too little",
         of_run=True,
     ),
@@ -139,7 +139,7 @@ TESTS: Final = (
         "speeds",
         "each window's two middle scans, registered on each other over all plausible speeds",
         "errors that windows can measure",
-        rate="what a window can correct; 5 % of the places",
+        rate="errors that a window can correct; 5 % of the places",
         is_mendable=True,
     ),
     MapTest(
@@ -170,7 +170,7 @@ TESTS: Final = (
     MapTest(
         "spans",
         "the scans at either end of 30 m of path, or less for a sensor of short range",
-        "bends over more than that",
+        "bends over longer stretches of path",
         tolerate_span,
         rate=", twice that where a turn moves points",
         quantities=2,
@@ -179,7 +179,7 @@ TESTS: Final = (
     MapTest(
         "sums",
         "sums of successive spans over 60, 120 and 240 m of path",
-        "drift over more than that",
+        "drift over longer stretches of path",
         tolerate_sum,
         quantities=1,
         is_mendable=True,
@@ -225,7 +225,7 @@ def share_of_false_alarms(limits: VerdictConfig) -> float:
 
 
 def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
-    """Returns the findings by name of the test, in the order of the table, and tests of the user last.
+    """Returns the findings by name of the test, sorted in the order of the table, with the user's tests last.
 
     Tests without findings are left out.
     """

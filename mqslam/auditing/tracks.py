@@ -168,7 +168,7 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
 
 
 def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
-    """Returns which of the scans that start at times (S,) [s] have a pose within half a revolution of their start."""
+    """Returns a mask (S,) of the scans that have a pose within half a revolution of their start, at `times` (S,) [s]."""
     before = _find_steps(track, times)
     apart = np.minimum(np.abs(times - track.times[before]), np.abs(track.times[before + 1] - times))
     return np.asarray(apart <= _CLOSE_TURNS * revolution_s)
@@ -241,7 +241,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out.
+    """Returns a mask (N,) of the sizes (N,) that stand out, since a wide gap separates them from all smaller sizes.
 
     The largest tenth of the sizes is sorted upwards. From the first size in it that is more than `_JUMP_FACTOR` times the
     size before it, all sizes stand out; if there is no such size, none does.
@@ -291,7 +291,7 @@ def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
 
 
 def _describe_jump(jump: Jump) -> str:
-    """Returns the size of a jump in words."""
+    """Returns the distance, the angle and the duration of a jump in words."""
     return f"by {jump.distance_m:.2f} m and {np.rad2deg(jump.angle_rad):.1f} deg in {jump.t1 - jump.t0:.2g} s"
 
 

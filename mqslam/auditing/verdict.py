@@ -91,7 +91,7 @@ class Share:
 
 
 class Cause(IntEnum):
-    """What may be wrong with a trajectory or a recording. The order of the members decides the diagnosis.
+    """The cause of a fault in a trajectory or a recording. The order of the members decides the diagnosis.
 
     A member above JUMP also explains the faults of all members below it, so the topmost member found becomes the diagnosis.
     JUMP and the members below it do not explain one another: the gravest finding among them becomes the diagnosis, and of
@@ -123,7 +123,7 @@ class Finding:
 
     Args:
         status: the verdict that the test alone would give.
-        reason: what was found, how much and where.
+        reason: the result of the test in words, with the size and the place of a fault.
         judged: whether the test could judge anything; a test that could judge nothing counts as passed.
         p_value: probability that a good map shows a fault this large anywhere; None if the test computes no p-value.
         cause: the cause that would explain the finding; None if no cause is known.
@@ -143,7 +143,7 @@ class Verdict(NamedTuple):
 
     Args:
         status: the gravest verdict of all findings.
-        diagnosis: what is most likely wrong and how to correct it; for a map that passes, how many tests found no fault.
+        diagnosis: the most likely fault and how to correct it; for a map that passes, the number of tests without a fault.
         reasons: the reasons of the findings that could judge something, the gravest first. If the map does not pass,
             findings that pass are left out, and also findings on stamps, mount or scale if the map fails for a cause that
             comes before these in `Cause`.

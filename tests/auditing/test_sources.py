@@ -78,14 +78,15 @@ def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> Non
 
     crisp = judge(POSES, None)
     assert crisp.verdict.status is VerdictStatus.NOT_JUDGED and crisp.revisits == []
-    assert any("without its trajectory nothing global can be judged" in reason for reason in crisp.verdict.reasons)
-    assert any(reason.startswith("its 4 windows are crisp, but ") for reason in crisp.verdict.reasons)
+    unjudged = "drift and revisits cannot be judged without the cloud's trajectory"
+    assert any(unjudged in reason for reason in crisp.verdict.reasons)
+    assert any(reason.startswith("the cloud's 4 windows are crisp, but ") for reason in crisp.verdict.reasons)
     wrong = se2.compose(POSES, np.c_[0.08 * np.arange(24), np.zeros((24, 2))])
     torn = judge(wrong, None)
     assert torn.verdict.status is VerdictStatus.FAIL and torn.verdict.reasons[0].startswith(
         "4 of 4 windows are torn, the worst by"
     )
-    assert "nothing global" not in " ".join(judge(POSES, Trajectory(TIMES_US, POSES)).verdict.reasons)
+    assert "without the cloud's trajectory" not in " ".join(judge(POSES, Trajectory(TIMES_US, POSES)).verdict.reasons)
 
 
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:

@@ -175,9 +175,9 @@ def test_what_is_wrong_with_the_trajectory_comes_first() -> None:
 
 
 def test_without_a_trajectory_a_crisp_map_is_not_judged_and_a_torn_one_still_fails() -> None:
-    nothing = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
+    nothing = "drift and revisits cannot be judged without the cloud's trajectory"
     status, reasons = judge_map(scans(0, 40), None, 240)
-    assert status is NOT_JUDGED and reasons == [f"its 40 windows are crisp, but {nothing}"]
+    assert status is NOT_JUDGED and reasons == [f"the cloud's 40 windows are crisp, but {nothing}"]
     status, reasons = judge_map(scans(20, 40), None, 240)
     assert status is FAIL and reasons == ["20 of 40 windows are torn, the worst by 0.06 m from 0.0 s to 1.5 s", nothing]
 

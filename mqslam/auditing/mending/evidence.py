@@ -41,7 +41,7 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int]) -> list[Ti
     """Returns psi's motions through windows, each from the first sweep of a window to its last sweep.
 
     Windows are left out if they are undecided, contain a jump, or have an error of speed that is too large for a window to
-    measure, since the twist of such a window is wrong.
+    measure, since their twists are wrong.
 
     Args:
         audit: audit of the trajectory.
@@ -139,7 +139,10 @@ def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]
 
 
 def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
-    """Returns whether any jump (number of the first sweep after it) lies within a span or the scans around its ends."""
+    """Returns whether a jump lies within a span or among the scans around its ends.
+
+    `jumps` holds the number of the first sweep after each jump.
+    """
     begin, end = pick_ends((registration.earlier, registration.later))
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 

@@ -52,7 +52,7 @@ _ROUNDS = 5
 
 @dataclass(frozen=True)
 class AuditedTrajectory:
-    """A trajectory and its audit.
+    """A trajectory, the points that it places, and the audit of these points.
 
     Args:
         trajectory: poses of the sensor.
@@ -111,7 +111,7 @@ def mend(
     engine: Engine,
     progress: Progress,
 ) -> Mended:
-    """Mends a trajectory by its audit.
+    """Mends a trajectory in rounds: each round corrects it by the latest audit and audits the result.
 
     The mended trajectory has the stamps of the given trajectory, and moves like it between the scans. A map under the mended
     trajectory therefore keeps its detail, and no motion is invented in a gap.
@@ -210,7 +210,7 @@ class _Mender:
         self._variances = self._list_variances()
 
     def finds_nothing(self, given: Audit) -> bool:
-        """Returns whether an audit shows nothing that could be mended."""
+        """Returns whether nothing can be mended: no torn window, span or revisit, no jump, and no bias of the trajectory."""
         torn = any(revisit.torn for revisit in given.revisits)
         return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
@@ -221,7 +221,7 @@ class _Mender:
         return pick_jumps(torn, lambda step: -step.registration.psi_best)  # its offset may be smaller, but is measured best
 
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
-        """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the counts of ties and loops."""
+        """Solves the pose graph of an audited trajectory; returns mended poses (S, 3), and the counts of ties and loops."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.registration.later for step in self._find_jumps(audit)}
         across = tie_steps(audit.steps, sweeps, jumps)

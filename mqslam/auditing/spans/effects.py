@@ -17,7 +17,7 @@ def measure_moves(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def resolve(spans: Sequence[Registration], placed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Splits offsets (N, 2) [m] of spans into parts (N, 2) [m] along the line from begin to end, and to its left."""
+    """Splits offsets `placed` (N, 2) [m] of spans into parts (N, 2) [m] along the line from begin to end and to its left."""
     moves = measure_moves(spans)
     x, y = moves.T
     along = np.column_stack([(moves * placed).sum(axis=1), x * placed[:, 1] - y * placed[:, 0]])

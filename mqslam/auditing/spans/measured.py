@@ -115,7 +115,8 @@ def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[i
     span's length apart.
 
     Args:
-        given: what all spans share, a mask (S,) of the sweeps that lie in no gap, and the length of a span [m].
+        given: the data that all parts of an audit share, a mask (S,) of the sweeps that lie in no gap, and the length of a
+            span [m].
         pair: numbers of the sweeps at the begin and at the end of the span.
     """
     (sweeps, settings, estimator), known, span_m = given
@@ -135,7 +136,7 @@ def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[i
 
 
 def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
-    """Returns whether all sweeps of a stretch exist and lie in no gap of the trajectory."""
+    """Returns whether all sweeps of a stretch exist and are `known` (S,), that is, lie in no gap of the trajectory."""
     return stretch.start >= 0 and stretch.stop <= len(known) and bool(known[stretch.start : stretch.stop].all())
 
 
@@ -151,6 +152,9 @@ def _carry_over(repeat: Registration, registration: Registration, sweeps: Sweeps
 
 
 def pick_ends(pair: tuple[int, int]) -> tuple[range, range]:
-    """Returns the numbers of the sweeps around the begin of a span (earlier, later), and of the sweeps around its end."""
+    """Returns the numbers of the sweeps around the begin of a span, and of the sweeps around its end.
+
+    `pair` holds the numbers of the sweeps at the begin and at the end.
+    """
     begin, end = (k - STEP_SCANS // 2 for k in pair)
     return range(begin, begin + STEP_SCANS), range(end, end + STEP_SCANS)

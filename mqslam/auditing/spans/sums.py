@@ -126,7 +126,10 @@ def _follow(
 
 
 def _measure_path(chain: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> float:
-    """Returns the length of the path [m] from the begin of the first span of a chain to the end of its last span."""
+    """Returns the length of the path [m] from the begin of a chain's first span to the end of its last span.
+
+    `travelled` (S,) is the length of the path up to each sweep [m].
+    """
     return float(travelled[chain[-1].registration.later] - travelled[chain[0].registration.earlier])
 
 

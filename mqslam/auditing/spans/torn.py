@@ -48,8 +48,8 @@ class SpanAudit:
         covariance: (3, 3) covariance of the offset by the measurement, without the drift of psi itself.
         p_value: probability that a good map has a span this far off anywhere, alone or together with the next span; NaN if
             the map has too few spans to judge.
-        torn: whether the span is off by more than is tolerated, and by more than chance explains: alone, or as one of more
-            unusual spans than a good map has.
+        torn: whether the span is off by more than is tolerated and by more than chance explains. Chance does not explain a
+            span that is unusual by itself, nor moderately unusual spans if a map has too many of them.
     """
 
     registration: Registration
@@ -136,7 +136,7 @@ def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns independent differences (L - 1, 3) between L repeated offsets, scaled to the variance of one repeat."""
+    """Returns independent differences (L - 1, 3) of `repeats` (L, 3) of an offset, each with the variance of one repeat."""
     return np.array(
         [(repeats[k] - repeats[:k].mean(axis=0)) * np.sqrt(k / (k + 1.0)) for k in range(1, len(repeats))]
     ).reshape(-1, 3)

@@ -110,7 +110,7 @@ class _Window:
         return twist_points(self.points, self.into, twist)
 
     def score(self, twist: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
-        """Returns the score of the points moved by a twist (3,) per sweep, at given widths of the score."""
+        """Returns the score of the points moved by a twist (3,) per sweep; `scale` gives the widths of the score."""
         return evaluate(self.render(twist), None, scale, self.kernel)
 
     def minimise(self, share: float) -> Minimum:
@@ -186,7 +186,7 @@ def _psi_best(bend: Bend) -> float:
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
     """Returns the N points of a window in the frame of the sensor at the window's middle, and their times (N,).
 
-    The times count sweeps from the middle of the window.
+    The window consists of the sweeps begin <= k < end. The times count sweeps from the middle of the window.
     """
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)

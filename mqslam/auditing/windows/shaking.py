@@ -99,7 +99,8 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
 def _move(sweeps: Sweeps, smoothed: se2.Array, begin: int, end: int, points: PointSet) -> NDArray[np.float64]:
     """Returns the points (N, 2) [m] of a window under smoothed poses (S, 3), in the map's frame.
 
-    `points` holds the N points in the map's frame under the given poses, with times counted in sweeps.
+    The window consists of the sweeps begin <= k < end. `points` holds its N points in the map's frame under the given poses,
+    with times counted in sweeps.
     """
     track = sweeps.track
     assert track is not None  # a cloud without a trajectory has no poses to judge

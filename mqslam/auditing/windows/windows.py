@@ -22,7 +22,7 @@ from mqslam.mapping.measures import Measures, compute_measures, locate_sensors
 
 
 class Undecided(StrEnum):
-    """Why nothing was decided about a window."""
+    """The reason why a window counts as neither torn nor whole."""
 
     GAP = "its motion is interpolated across a gap of the trajectory"
     SPARSE = "its error may come from interpolation alone, since poses are too sparse for a turn"
@@ -82,7 +82,7 @@ def audit_windows(shared: Shared, engine: Engine, progress: Progress, sampled: i
 
 
 def audit_window(shared: Shared, begin: int) -> WindowAudit:
-    """Judges the window that begins with the sweep `begin`."""
+    """Judges the window that begins with the sweep `begin` by the correction that makes its map the best map."""
     sweeps, settings, estimator = shared
     end = begin + WINDOW
     span = sweeps.span(begin, end)
