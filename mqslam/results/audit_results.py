@@ -134,7 +134,7 @@ def _names(columns: Columns) -> list[str]:
 
 
 def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[dict[str, Any]]:
-    """Returns one row per window, revisit, step or span; a row maps the name of each column to its value."""
+    """Returns one row for each of `items`, which are windows, revisits, steps or spans; a row maps columns to values."""
     names = _names(columns)
     rows = []
     for item in items:
@@ -156,7 +156,7 @@ def summarise(
     *,
     is_part: bool = False,
 ) -> dict[str, Any]:
-    """Returns the content of audit.json.
+    """Returns the content of audit.json: verdict, numbers of each test, and rows per window, revisit, step and span.
 
     Args:
         audit: judgement of the map.
@@ -427,7 +427,7 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: 
 
 
 def _word_texts(value: Any, word: Callable[[str], str]) -> Any:
-    """Returns a part of a summary with each text replaced by what `word` returns for it; a status stays as it is."""
+    """Returns a part of a summary with the function `word` applied to each text; a status stays as it is."""
     if isinstance(value, Mapping):
         return {key: _word_texts(one, word) for key, one in value.items()}
     if isinstance(value, list | tuple):

@@ -101,7 +101,7 @@ def write_progress(out: Path, orders: Sequence[Order], outcomes: Sequence[RunOut
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
-    """Returns the content of batch.json.
+    """Returns the content of batch.json: counts of verdicts, sums over all runs, notes, and a row per run.
 
     Runs that failed come first, the others follow from the worst verdict to the best, and runs that have not ended are last.
 

@@ -180,7 +180,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 
 
 def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
-    """Returns a table as Markdown, with the best values bold; `tabulate` returns both arguments."""
+    """Returns a table as Markdown, with the best values, which are at the places `marked`, bold; see `tabulate`."""
     lines = []
     for k, line in enumerate(cells):
         words = [text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ") for text in line]

@@ -30,9 +30,9 @@ _EVO: Final = "evo_ape"
 
 
 def summarise_size(recording: Recording) -> dict[str, Any]:
-    """Returns the entries of `dataset` on a recording: its number of scans and its duration, and scans left out.
+    """Returns the entries of `dataset` on a recording: the number of scans, the duration [s], and the scans left out.
 
-    Only scans of a lidar are left out, namely while the lidar has hardly moved.
+    The last is the number of scans during which a lidar hardly moved; a radar's recording has no such entry.
     """
     left_out = {"left_out": recording.left_out} if isinstance(recording, LidarRecording) else {}
     return {"revolutions": len(recording), **left_out, "duration_s": recording.duration_s}
@@ -69,7 +69,7 @@ def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -
     Args:
         path: the summary's JSON file; nothing is written if there are no warnings, and no run.log if none is there.
         summary: content of this file, to which the warnings are added.
-        warnings: what could not be written, and why.
+        warnings: for each file that could not be written, its name and the reason.
 
     Raises:
         OutputError: a file cannot be written.
@@ -123,7 +123,7 @@ def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[st
 
 
 def list_stages(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a log line for each stage of a summary, with the time that the stage took."""
+    """Returns a log line for each stage of the work, such as detection, with the runtime that a summary states for it."""
     return [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
 
 

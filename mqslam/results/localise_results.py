@@ -98,7 +98,7 @@ def _list_warnings(localised: Localised) -> list[str]:
             warnings.append(f"{number} of {count_of(len(statuses), 'scan')} are {why}; their poses are predictions")
     if localised.conflicts:
         warnings.append(
-            f"scans that were followed from two recognised places disagree at {count_of(localised.conflicts, 'place')}; at "
+            f"poses that were tracked from two recognised places disagree at {count_of(localised.conflicts, 'place')}; at "
             "least one of the recognised places may be wrong, or the map is bent between them"
         )
     if localised.samples < FEWEST_PAIRS:

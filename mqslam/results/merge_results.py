@@ -28,7 +28,7 @@ _ALIKE: Final = 0.005  # a relative change of psi below this is worded as no cha
 
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
-    """Returns the content of summary.json for a merge."""
+    """Returns the content of summary.json for a merge; `runtime_s` holds the runtime of each stage [s]."""
     recordings, links, alignment = merged.kept.keyframes.recordings, merged.links, _summarise_alignment(merged)
     return {
         "mqslam_version": __version__,
@@ -77,7 +77,7 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     if sure["median_m"] is None:
         return f"{made}, psi across them {psi}"
     apart = f"{sure['median_m']:.2g} m of each other (one sigma, median; {sure['largest_m']:.2g} m at worst)"
-    return f"{made}, psi across them {psi}; what two recordings see lies within {apart}"
+    return f"{made}, psi across them {psi}; objects that two recordings see lie within {apart}"
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
@@ -142,9 +142,9 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
 def format_links(merged: Merged) -> str:
     """Returns the links between the recordings of a merge as CSV.
 
-    Each row names two keyframes by recording and stamp, and holds the pose of the later keyframe in the frame of the earlier
-    keyframe [m, m, rad], its covariance, the matched share, psi of the link, psi per point of its two
-    passes before and after the graphs are optimised as one, and the residual.
+    Each row names two keyframes by recording and stamp. It holds the pose of the later keyframe in the frame of the earlier
+    keyframe [m, m, rad] with its covariance, the matched share, psi of the link, psi per point across its two passes before
+    and after the graphs are optimised as one, and the residual [standard deviations].
     """
     keyframes = merged.kept.keyframes
 

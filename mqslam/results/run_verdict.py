@@ -212,8 +212,8 @@ def _judge_whole_map(run: Run) -> list[Finding]:
 def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tuple[VerdictStatus, str]]:
     """Returns a list of one pair: a status, `fail` if optimisation raised psi per point too much, and the ratio in words.
 
-    The list is empty if psi is not known or was not positive, if the graph had nothing to optimise, if no window was judged,
-    or if no point of the map is matched.
+    `before` and `after` are psi per point before and after optimisation. The list is empty if psi is not known or was not
+    positive, if the graph had nothing to optimise, if no window was judged, or if no point of the map is matched.
     """
     is_optimised = run.unoptimised is None and bool(run.odometry_factors or run.loops)
     if not (is_optimised and run.checks and run.map_optimised.matched_share) or after is None or not before or before < 0.0:
@@ -245,7 +245,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], sensor: str) -> list[str]:
 
 
 def _judge_scale(run: Run) -> list[Finding]:
-    """Returns a finding for each of odometry and GNSS fixes that contradicts the trajectory's scale."""
+    """Returns a finding if odometry contradicts the trajectory's scale, and another if GNSS fixes do; else no finding."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):

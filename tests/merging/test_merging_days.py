@@ -151,7 +151,7 @@ def test_changes_are_looked_for_only_where_it_is_known_how_the_recordings_lie(
     told = json.loads((both / "summary.json").read_text())
     assert read_rows(both / "changes.csv") and told["sureness"]["share_compared"] > 0.9
     assert 0.0 < told["sureness"]["median_m"] <= told["sureness"]["largest_m"]
-    assert "what two recordings see lies within" in told["conclusion"]
+    assert "objects that two recordings see lie within" in told["conclusion"]
     for module in (changes, merge_results):
         monkeypatch.setattr(module, "SURE_M", 1e-6)
     mqslam.merge([days["monday"], days["friday"]], tmp_path / "out")
