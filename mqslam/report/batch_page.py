@@ -109,7 +109,10 @@ def _list_unjudged(summary: Mapping[str, Any]) -> Section | None:
 
 
 def _describe_run(run: Mapping[str, Any], unjudged: str) -> tuple[str | Cell, ...]:
-    """Returns a run's row of the table in words (`_WORDS`); for a run that failed, only its name and the failure."""
+    """Returns a run's row of the table with the columns `_WORDS`; for a run that failed, only its name and the failure.
+
+    `unjudged` holds the numbers of the notes on what could not be judged, such as `1, 3`.
+    """
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"
@@ -134,7 +137,10 @@ def _describe_errors(run: Mapping[str, Any]) -> str:
 
 
 def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> Section | None:
-    """Returns small pictures of the runs' trajectories, each at its own scale; None if no run has a trajectory."""
+    """Returns small pictures of the runs' trajectories, each at its own scale; None if there is no trajectory.
+
+    `tracks` holds the trajectories by the names of their runs.
+    """
     figures = []
     for run in summary["runs"]:
         if (track := tracks.get(run["name"])) is not None:

@@ -260,10 +260,15 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
-    """Returns (N,) whether a trajectory moves or rotates in each of N spans of time [s since the recording's start].
+    """Returns a mask (N,) of the spans of time in which a trajectory moves or rotates.
 
     Its poses at begin and end of the span must be at least `TRAVEL_M` or `TRAVEL_RAD` apart, as for a scan that is rendered.
     Before its first pose and after its last pose, the trajectory is taken to stand still.
+
+    Args:
+        track: the trajectory.
+        spans: begin and end of N spans of time [s since the recording's start].
+        start_us: stamp of the recording's start [us].
     """
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
@@ -305,7 +310,7 @@ def explore_comparison(comparison: Comparison) -> Explorer | None:
 
 
 def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explorer.Place:
-    """Returns what a click on a place shows; `crops` holds the name, the points (M, 2) [m] and the colour of each row."""
+    """Returns a place with its close views; `crops` holds the name, the points (M, 2) [m] and the colour of each row."""
     text = "the points of one window under every row"
     if place.apart_m:
         text = f"here the motions of two rows differ by up to {format_length(place.apart_m)}, yaw included"

@@ -1,4 +1,4 @@
-"""Crops the map around a place, before and after the place's correction, close enough to show what the correction does."""
+"""Crops the map around a place, before and after the place's correction, close enough to show the difference."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ There is an array for each sweep of a window, or one for the earlier and one for
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Crops a place to the square in which its correction brings later points the most closer to earlier points.
+    """Crops a place to the square in which its correction reduces the distances of later from earlier points the most.
 
     Args:
         sweeps: the points that were judged.

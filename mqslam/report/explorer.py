@@ -67,7 +67,7 @@ class Layer:
         times: (K,) times of the path [s since the recording's start], increasing.
         path: (K, 2) positions x, y [m] of the trajectory, in the frame that all layers share.
         points: (N, 2) points x, y [m] of the map, in the same frame.
-        values: values (N,) of the points by name, as far as they are known: `time` [s], `psi` and `intensity`.
+        values: known values (N,) of the points by name: `time` [s], `psi` and `intensity`.
         shown: whether map and path are visible at first.
         ink: colour of the points; None is the page's ink.
     """

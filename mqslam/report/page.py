@@ -66,7 +66,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of a page.
+    """A table of a page, with a heading for each column.
 
     Args:
         head: headings of the columns.
@@ -91,7 +91,7 @@ class Card:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page.
+    """A part of a page: notes, pictures, a table, numbers and cards under one heading.
 
     Args:
         heading: heading of the section; empty for no heading.
@@ -144,9 +144,9 @@ class Page:
         title: heading of the page.
         summary: content of the JSON file of the result, which holds the verdict, the warnings and the version.
         settings: every setting used, or the plan of a batch, as text.
-        facts: names and values of facts about what was judged, which stand below the heading.
+        facts: names and values of facts about the recording and the trajectory, which stand below the heading.
         notes: lines for the reader on how the recording was interpreted.
-        conclusion: sentences that say what the page shows; empty for none.
+        conclusion: the main result of the page, in sentences; empty for none.
     """
 
     def __init__(

@@ -339,7 +339,7 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
 
 
 def _count_cropped(pointmap: PointMap, poses: Sequence[se2.Array]) -> int:
-    """Returns how many points of a map lie near poses (3,) [m, m, rad]; a point near several poses counts several times."""
+    """Returns how many points of a map lie within `_REACH_M` of poses (3,) [m, m, rad], summed over the poses."""
     if not poses:
         return 0
     counts = (
@@ -366,7 +366,7 @@ def chart_path(run: Run, truth: Trajectory | None, left_out: int = 0) -> Section
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns charts of error over distance and drift by segment length; an empty list where no error is known."""
+    """Returns charts of the errors against ground truth, over distance and by segment length; empty if none is known."""
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))
@@ -409,7 +409,16 @@ def _are_alike(curves: Sequence[Curve]) -> bool:
 
 
 def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], beside: str, right: Curve) -> Figure:
-    """Returns a chart over distance, with curves on the left y axis and one curve on the right y axis."""
+    """Returns a chart over distance, with curves on the left y axis and one curve on the right y axis.
+
+    Args:
+        heading: heading of the figure.
+        caption: caption of the figure.
+        title: title of the left y axis, with its unit.
+        left: curves on the left y axis.
+        beside: title of the right y axis, with its unit.
+        right: curve on the right y axis.
+    """
     return Figure(draw_chart(Chart(title, (*left, right), x_title=_DISTANCE, beside=beside)), heading, caption)
 
 
@@ -483,7 +492,10 @@ def _list_numbers(run: Run, recording: Recording, summary: Mapping[str, Any]) ->
 
 
 def _list_quality(run: Run, recording: Recording, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns names and texts of numbers that tell how good the map is, each before and after optimisation."""
+    """Returns names and texts of numbers that tell how good the map is, each before and after optimisation.
+
+    `psi` is the part `psi` of summary.json.
+    """
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     tracks = map(recording.complete, (run.odometry, run.optimised))
     rows = [

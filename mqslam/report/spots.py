@@ -181,7 +181,7 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
 
 
 def _describe_stretch(t0: float, t1: float) -> str:
-    """Returns begin and end [s] of a stretch in words, such as `2.0 s to 3.5 s`, or `at 2.0 s` if both are written alike."""
+    """Returns begin `t0` and end `t1` [s] in words, such as `2.0 s to 3.5 s`, or `at 2.0 s` if both are written alike."""
     return describe_times(t0, t1).removeprefix("from ")
 
 

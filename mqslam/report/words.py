@@ -84,7 +84,7 @@ def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[str, str]]:
-    """Returns names and texts of facts about what was judged: the recording, the drive (length, time, scans), and `others`.
+    """Returns names and texts of facts about the recording, its drive (length, duration, number of scans), and `others`.
 
     Args:
         summary: content of summary.json, audit.json or compare.json; facts that are not in it are left out.
