@@ -170,7 +170,7 @@ def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> b
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether a step's offset is larger than chance explains, and its two sides fit better with the offset corrected.
+    """Returns whether a step's offset is larger than chance explains, and its sides fit better with the offset corrected.
 
     The sides must also fit about as well at no other offset.
     """
