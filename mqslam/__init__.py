@@ -1,4 +1,4 @@
-"""Offline radar SLAM in which the measurement is map quality.
+"""Offline SLAM for spinning radars and planar lidars: the best motion is the one that makes the map crispest.
 
     import mqslam
 
@@ -11,8 +11,8 @@ Public names, all typed; none of them prints anything:
   that they have written there.
 - `batch` runs all recordings that a file lists.
 - `merge` makes one map from the results of several recordings; `read_result` reads any result again from its folder.
-- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return, and
-  `BatchResult` is what `batch` returns; each is a `Result`, and a verdict is a `VerdictStatus`.
+- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult`, `MergeResult` and `BatchResult` are the types of the results
+  that these functions return; each is a `Result`, and a verdict is a `VerdictStatus`.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `detect` returns the scans of a recording with their returns; `score` computes psi of a window of scans under a motion,
   as a `PsiScore`.
@@ -20,7 +20,8 @@ Public names, all typed; none of them prints anything:
 - `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
   replaces loop closures by factors of single scans that are registered on earlier passes of the same place. They return
   `PsiFactors`, `LoopFactors` and a `RefinedGraph`.
-- `Work`, `Runner` and `LocalEngine` define where the computations run and what reports on their progress.
+- A `Work` holds the engine that does the computations, such as a `LocalEngine`, and the functions that get progress and
+  notes; a `Runner` reports the progress of `Slam`, and keeps its results so that an interrupted run can be continued.
 - `Recording` of `PolarScan`, `Scans` of `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the
   types of inputs and results; a front end of your own gets a `Context`. `MqslamError` is the base of all errors.
 """
@@ -126,7 +127,11 @@ __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Returns a public name; its module is imported only on first use, so that `import mqslam` alone is quick."""
+    """Returns the public object of a name. Its module is imported only on first use, so that `import mqslam` is quick.
+
+    Raises:
+        AttributeError: there is no such public name.
+    """
     if name not in _MODULES:
         raise AttributeError(f"module 'mqslam' has no attribute '{name}'")
     value = getattr(import_module(f"mqslam.{_MODULES[name]}"), name)

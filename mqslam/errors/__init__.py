@@ -14,7 +14,8 @@ from types import UnionType
 
 _log = logging.getLogger(__name__)
 _COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
-"""Control characters, invisible characters, characters that set the text's direction, and bytes that are not UTF-8."""
+"""Characters, as in the brackets of a regular expression, that must not reach a terminal: control characters, invisible
+characters, characters that set the direction of text, and the surrogates that stand for bytes that are not UTF-8."""
 _IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
 _IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
 _LONGEST = 800  # characters of a message; a message may quote a text of any length from a damaged file
@@ -32,7 +33,7 @@ class Remedy(StrEnum):
     FREE_SPACE = "free space or choose another output"
     GIVE_EXTRINSICS = "give extrinsics"
     GIVE_EXTRINSICS_OR_RADAR = (
-        "give extrinsics, or take the frame of the radar, in which a run estimates the extrinsics if there is odometry"
+        "give extrinsics, or choose the frame of the radar: if there is odometry, a run then estimates the extrinsics"
     )
     NAME_GYROSCOPE = "give a file with the readings of a gyroscope"
     SWITCH_GYROSCOPE_ON = "take the recording's own gyroscope, or give a file with the readings of another"
@@ -121,7 +122,7 @@ class ConfigError(MqslamError):
 
 
 def require_type(given: object, kinds: type | UnionType, name: str, expected: str) -> None:
-    """Checks the type of an argument, which a caller without a type checker may give as anything.
+    """Checks that an argument has one of the allowed types, since callers may work without a type checker.
 
     Args:
         given: the argument.
@@ -143,7 +144,7 @@ def to_path(given: str | os.PathLike[str], name: str, or_else: str = "") -> Path
     Args:
         given: the path, as a text or as a path of any library.
         name: name of the argument, for the error.
-        or_else: what else the argument may be, for the error, such as `, or none`.
+        or_else: words for the error that name other allowed values, such as `, or none`.
 
     Raises:
         ConfigError: `given` is neither a text nor a path.
@@ -157,7 +158,7 @@ class OutputError(MqslamError):
 
 
 class ClusterError(MqslamError):
-    """Raised if a cluster cannot be reached, or cannot do the work any more."""
+    """Raised if a cluster cannot be reached, or is lost while it works."""
 
 
 class WorkerError(MqslamError):
@@ -244,17 +245,17 @@ def suggest(name: str, known: Collection[str]) -> str:
 
 
 def show(name: str) -> str:
-    """Returns a text in one line, with line breaks and control characters escaped, so that it is safe to print."""
+    """Returns a text as one line that is safe to print: line breaks and control characters are escaped."""
     return _IN_LINE.sub(_escape, name)
 
 
 def show_lines(text: str) -> str:
-    """Returns a text with control characters escaped, so that it is safe to print; line breaks stay."""
+    """Returns a text that is safe to print: control characters are escaped, and line breaks stay."""
     return _IN_TEXT.sub(_escape, text)
 
 
 def _escape(match: re.Match[str]) -> str:
-    """Returns the escape sequence by which Python writes a character."""
+    """Returns the escape sequence, as Python writes it, of the character that a regular expression has matched."""
     return match[0].encode("unicode_escape").decode("ascii")
 
 
@@ -266,16 +267,17 @@ def _shorten(message: str) -> str:
 
 @contextmanager
 def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = None) -> Iterator[None]:
-    """Turns an error of the block into a warning, so that the other results are not lost.
+    """Turns an error that the `with` block raises into a warning, so that the other results are not lost.
 
     Args:
-        what: name of the result that the block makes, or of the work that it does, for the warning.
+        what: name of the result that the block makes, or of the work that it does; the warning begins with it.
         warnings: the list that the warning is added to.
-        crashes: receives the error message under the name `what`; None keeps no messages.
+        crashes: dict that gets the error message under the key `what`; None if the message is not needed.
 
     Raises:
         OutputError: nothing can be written any more, for example because the disk is full.
         ClusterError: the cluster that does the work is lost; the run can be resumed.
+        Interrupted, KeyboardInterrupt: the work was interrupted.
     """
     try:
         yield

@@ -73,7 +73,7 @@ def check_link(path: Path, *inside: Path) -> None:
 
 @contextmanager
 def stay_within(folder: Path) -> Iterator[None]:
-    """Makes `check_file` refuse links that lie in a folder and lead out of this folder, while the block lasts."""
+    """Makes `check_file` refuse links that lie in a folder and lead out of this folder, until the `with` block ends."""
     before = _folder.set(folder.absolute())
     try:
         yield
@@ -86,7 +86,7 @@ def open_text(path: Path, errors: str | None = None) -> TextIO:
 
     Args:
         path: the file.
-        errors: how bytes that are not in the encoding are decoded, as for `open`; None refuses them when they are read.
+        errors: how bytes that are not in the encoding are decoded, as for `open`; None raises an error when they are read.
 
     Raises:
         DataError: the path is not a regular file, or the file has a line that is too long.
@@ -108,7 +108,11 @@ def decode(content: bytes) -> str:
 
 
 def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
-    """Reads a JSON or YAML file of bounded size, such as `YAML_BYTES` for YAML and `RESULT_BYTES` for a result's JSON.
+    """Reads the text of a JSON or YAML file whose size is bounded.
+
+    Args:
+        path: the file.
+        most_bytes: largest size of the file [bytes]: `YAML_BYTES` for YAML, `RESULT_BYTES` for the JSON of a result.
 
     Raises:
         DataError: the path is not a regular file, or the file is too large.
@@ -122,7 +126,7 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
 
 @contextmanager
 def blame_file(path: Path) -> Iterator[None]:
-    """Turns errors of the block into a DataError about a file; the log gets the traceback of an unforeseen error.
+    """Turns errors of the `with` block into a DataError about a file; the log gets the traceback of an unforeseen error.
 
     Errors of mqslam, interrupts and broken pipes stay as they are.
 
@@ -131,7 +135,7 @@ def blame_file(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (MqslamError, BrokenPipeError):  # a pipe that breaks is one that is written to, not the file
+    except (MqslamError, BrokenPipeError):  # a broken pipe is a fault of the output, not of the file
         raise
     except MemoryError as error:
         raise DataError(path, "does not fit into the memory", _DAMAGED) from error
@@ -146,7 +150,7 @@ def blame_file(path: Path) -> Iterator[None]:
 
 
 def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
-    """Decorates a function whose first argument is the path that it reads: each call runs inside of `blame_file`.
+    """Decorates a function whose first argument is the path that it reads, so that each call runs inside `blame_file`.
 
     If the path is a folder, links that lie in the folder and lead out of it are refused.
     """
@@ -160,7 +164,7 @@ def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[
 
 
 def _read_mark(content: bytes) -> str | None:
-    """Returns the encoding that the byte order mark of a text states; None without such a mark."""
+    """Returns the encoding that the byte order mark at the start of `content` states; None without such a mark."""
     if content.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     return "utf-16" if _UTF_16.match(content) else None
@@ -168,7 +172,7 @@ def _read_mark(content: bytes) -> str | None:
 
 def _check_lines(path: Path) -> None:
     """Raises DataError if a file has a line of more than `_LONGEST_LINE` bytes."""
-    begin = 0  # bytes so far of the line that the next block continues
+    begin = 0  # number of bytes, in the blocks before, of the line that goes on in the next block
     with path.open("rb") as file:
         while block := file.read(_LONGEST_LINE):
             first = block.find(b"\n")
