@@ -42,10 +42,10 @@ app = typer.Typer(
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
     cls=Group,
-    epilog="Exit codes: 0 done; 1 check found something suspicious, a verdict of run, audit or batch is as bad as --fail-on "
-    "or worse, an audit is worse than its --baseline, or a run of batch failed; 2 the command or its input holds a mistake, "
-    "which one line describes; 3 run, audit or batch was given --fail-on, but a map could not be judged; 129, 130 and 143 "
-    "interrupted.",
+    epilog="Exit codes: 0 done; 1 `check` found something suspicious, a verdict of run, audit or batch is as bad as "
+    "--fail-on or worse, an audit is worse than its --baseline, or a run of batch failed; 2 the command or its input holds "
+    "a mistake, which one line describes; 3 run, audit or batch was given --fail-on, but a map could not be judged; 129, "
+    "130 and 143 interrupted.",
 )
 _EVERYDAY, _MAPS, _DATA, _RESEARCH = "Everyday", "Maps", "Data and settings", "Research"
 for panel, commands in {
@@ -71,7 +71,7 @@ def _print_version(asked: bool) -> None:
 def _top(
     version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
 ) -> None:
-    """Make maps from recordings of a radar or a planar lidar, offline: the measurement is the quality of the map.
+    """Make trajectories and maps from recordings of a radar or a planar lidar, and judge maps without ground truth.
 
     Example: mqslam run drive --out result
     """

@@ -27,7 +27,7 @@ _OWN: Options = {
     ),
     "times": option(Path | None, None, "File with the stamps of a KITTI trajectory, one per line."),
     "topic": option(str | None, None, "Topic of the trajectory, if it is in a bag."),
-    "frame": option(str | None, None, "Frame whose poses are the trajectory, if a bag holds the trajectory in /tf."),
+    "frame": option(str | None, None, "Frame whose poses in /tf of a bag are the trajectory."),
     "time_offset_s": option(
         float,
         0.0,
@@ -56,8 +56,8 @@ _OWN: Options = {
     "false_alarms": option(
         float | None,
         None,
-        "Probability, below 0.5, that a good map is called bad by chance; the tests of steps, spans, sums, pooled "
-        "corrections, shaking and revisits share it. 0.01 by default.",
+        "Probability, below 0.5, that those tests of the map that give p-values, taken together, call a good map bad by "
+        "chance. 0.01 by default.",
         metavar="RATE",
     ),
     "test": option(Path | None, None, "Python file with a test of your own, which also judges the map.", metavar="FILE"),
@@ -70,8 +70,8 @@ _OWN: Options = {
         metavar="OLD",
     ),
     "mend": flag(
-        "Correct the trajectory by what was found, write it as mended.tum, and judge it, too. --fail-on still looks at the "
-        "verdict on the trajectory as it was given.",
+        "Correct the errors of the trajectory that the audit has found, write the corrected trajectory as mended.tum, and "
+        "judge it, too. --fail-on still looks at the verdict on the given trajectory.",
         "--mend",
     ),
 }
@@ -141,7 +141,7 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
 
 
 def _describe_final_psi(final: dict[str, float | None]) -> str:
-    """Describes how far psi of a map is above the best psi of the same returns, given `final_psi` of audit.json."""
+    """Describes by which factors psi of a map exceeds the best psi of its returns, given `final_psi` of audit.json."""
     windows, passes = final["over_best_of_windows"], final["over_best_of_passes"]
     parts = [] if windows is None else [f"{windows:.2f} times the best possible in windows"]
     parts += [] if passes is None else [f"{passes:.2f} times the best possible across passes"]
@@ -170,7 +170,7 @@ def _format_results(summary: dict[str, Any]) -> str:
 
 
 def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the worst torn windows and revisits, whose errors exceed chance and tolerance, as rows (name, text)."""
+    """Returns the torn windows and torn revisits with the largest errors as rows (name, text), given audit.json."""
     windows = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:_LISTED]
     rows = []
     for w in windows:

@@ -24,7 +24,8 @@ _OWN: Options = {
     "verbose": option(
         bool,
         False,
-        "Log on stderr what the batch itself does; run.log of each run says what its stages found and how long they took.",
+        "Log on stderr what the batch itself does. The stages of a run log in run.log of the run what they found and how "
+        "long they took.",
         "--verbose",
         "-v",
         callback=set_verbosity,
@@ -87,9 +88,9 @@ def _print_failures(terminal: Terminal, summary: dict[str, Any]) -> None:
 
 
 def _tabulate(result: BatchResult) -> Table:
-    """Returns a table with a row per run: name, verdict, number of scans, path [m], loops, ATE [m] and what was not judged.
+    """Returns a table with a row per run: name, verdict, number of scans, path [m], number of loops, ATE [m], notes.
 
-    What was not judged is given by numbers, which `print_batch` prints with what they stand for.
+    The notes, on what could not be judged, are given by the numbers under which `print_batch` prints them.
     """
     from rich.table import Table
 

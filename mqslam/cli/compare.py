@@ -67,7 +67,7 @@ def print_compared(_: Terminal, result: CompareResult) -> None:
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:
-    """Returns the files of trajectories that are given as NAME=FILE or NAME=POSES,TIMES, by NAME.
+    """Returns the paths of trajectories by their NAMEs, from texts NAME=FILE or NAME=POSES,TIMES.
 
     Raises:
         ConfigError: a text has another form, or a name is given twice.

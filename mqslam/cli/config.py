@@ -1,4 +1,4 @@
-"""`mqslam config`: shows settings with their units and reasons, the settings that a file changes, and their JSON schema."""
+"""`mqslam config`: shows settings with their descriptions, the settings that a file changes, and their JSON schema."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DIFF: Options = {
 @config.command(cls=Command)
 @command("name everything as_json", _SHOW)
 def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
-    """Show the settings of a file, or the defaults, as YAML with the unit and the reason of each setting.
+    """Show the settings of a file, or the defaults, as YAML with a description and the unit of each setting.
 
     Settings that only an expert would touch are shown if --all or --json is given, or if the file changes them. The YAML can
     be given to --config.
@@ -51,9 +51,8 @@ def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
 def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) -> None:
     """Show which settings of a file differ from the defaults, or from the settings of another file.
 
-    The value on the left of an arrow is that of the defaults, or of NAME if OTHER is given; as in `diff`, the first is left.
-    A lidar's run takes many settings, such as lengths, from its recording. These settings are listed only with --all or
-    --json.
+    On the left of each arrow is the default value or, if OTHER is given, the value in NAME. A lidar's run takes many
+    settings, such as lengths, from its recording. These settings are listed only with --all or --json.
 
     Example: mqslam config diff result/config.yaml
     """

@@ -31,21 +31,22 @@ _OWN: Options = {
         MessageKind.image,
         "Messages of a bag: image (rows as in Oxford's images), or b_scan (navtech_msgs/RadarBScanMsg).",
     ),
-    "force": flag("Replace whatever is at OUT.", "--force"),
+    "force": flag("Replace a file at OUT, or results in a folder at OUT; other files in the folder stay.", "--force"),
 }
 
 
 @command("data out to message config changes format range_resolution topic start_s end_s force quiet verbose", _OWN)
 def convert(terminal: Terminal, *, out: Path, message: MessageKind, **given: Any) -> None:
-    """Write a recording in another layout, with what mqslam can write there of odometry, ground truth and sensors.
+    """Write a recording in another layout, with as much of its odometry, ground truth and sensors as mqslam can write there.
 
     The folder of a finished run is written as a bag with its results: /path, /tf from map to radar, /pose with covariances,
     /map (the occupancy grid) and /points. If OUT ends in .tum, the trajectory of a run or a localisation is written as TUM
     with the covariance of each pose. If OUT ends in .ply, the keyframes of a result, or of a folder of keyframes, are
     written as a point cloud.
 
-    --start and --end cut the scans. Odometry, ground truth and the readings of other sensors are written whole, since a
-    sensor's clock may differ from the radar's, so that a run of OUT has the result of a run with the same --start and --end.
+    --start and --end cut only the scans. Odometry, ground truth and the readings of other sensors are written whole, since
+    a sensor's clock may differ from the radar's. A run of OUT thus has the same result as a run of DATA with the
+    same --start and --end.
 
     Example: mqslam convert drive drive.mcap
 

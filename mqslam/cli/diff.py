@@ -30,8 +30,8 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
     """Show the differences between two results: options, settings, figures, and the distances between their trajectories.
 
     The distances are measured twice: as the trajectories are, and after the best rigid alignment. psi is compared only if
-    both maps are made of the same returns and scored by the same settings. Of two batches, the runs are named whose options,
-    settings or verdicts differ.
+    both maps are made of the same returns and scored by the same settings. For two batches, the command lists the runs whose
+    options, settings or verdicts differ.
 
     Example: mqslam diff earlier result
     """
@@ -42,10 +42,10 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
 
 
 def _parse_options(line: str) -> dict[str, Any] | str:
-    """Returns the values of the options in a command line, by name; a text if the line is no command, or `mqslam batch`.
+    """Returns the values of the options in a command line by their names, or a text that says why they are not known.
 
-    The text says why the options are not known; those of `batch` are not those of its runs. Options that change no result
-    are left out, and settings, since every result holds its settings itself.
+    They are not known if the line is no command of mqslam, or the command `batch`, whose runs have other options. Options
+    that change no result are left out, and so are settings, since every result holds its own settings.
     """
     from mqslam.cli import app
 
@@ -57,7 +57,7 @@ def _parse_options(line: str) -> dict[str, Any] | str:
     if len(words) < 2 or words[1] not in commands:
         return "holds no command of mqslam"
     if words[1] == "batch":
-        return "holds the command of a batch, whose options are not those of its runs"
+        return "holds the command of a batch, which does not state the options of its runs"
     command = commands[words[1]]
     context = type(command).context_class(command, ignore_unknown_options=True, resilient_parsing=True)
     given = command.make_parser(context).parse_args(words[2:])[0]
@@ -66,7 +66,7 @@ def _parse_options(line: str) -> dict[str, Any] | str:
 
 
 def _format(differences: dict[str, Any]) -> str:
-    """Returns differences as text, with a heading for each kind, given what `diff_results` returned."""
+    """Returns the differences that `diff_results` has found as text, with a heading for each kind of difference."""
     if "entries" in differences:
         return _format_batches(**differences)
     figures = differences["figures"]
@@ -106,7 +106,7 @@ def _format(differences: dict[str, Any]) -> str:
 
 
 def _format_batches(entries: dict[str, Any], verdicts: dict[str, list[Any]]) -> str:
-    """Returns the runs of two batches that differ as text, given the entries of what `diff_results` returned."""
+    """Returns the differences between the runs of two batches as text, given the entries that `diff_results` returned."""
     changes = [
         (name, f"{option}: {_format_change(['not given' if value is None else value for value in both])}")
         for name, options in entries.items()

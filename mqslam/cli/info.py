@@ -45,7 +45,7 @@ def info(
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns what `describe_radar` says about a recording as rows (name, text) for people."""
+    """Converts the facts that `describe_radar` has returned to rows (name, text) for people."""
     return [
         ("format", facts["format"]),
         ("path", facts["path"]),
@@ -66,7 +66,7 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
-    """Describes the gaps of a recording in one line: the first gaps, and the missing seconds in total if there are more."""
+    """Describes the gaps of a recording in a line: the first `_LISTED` gaps and, if there are more, all missing seconds."""
     if not gaps:
         return "none"
     first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
@@ -77,7 +77,7 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns what `describe_lidar` says about a recording as rows (name, text) for people."""
+    """Converts the facts that `describe_lidar` has returned to rows (name, text) for people."""
     has_poses, has_odometry = facts["recording"] is not None, facts["odometry"] is not None
     rest = "; a run leaves out those between which the lidar hardly moves" if has_poses or has_odometry else ""
     instead = "; a run uses the poses below as odometry" if has_poses and not has_odometry else ""
@@ -102,7 +102,12 @@ def _describe_extent(track: dict[str, Any] | None) -> str:
 
 
 def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
-    """Describes number, rate, time span and source of a sensor's readings, each named `reading`; "none" for None."""
+    """Describes number, rate, time span and source of a sensor's readings in words; "none" without a sensor.
+
+    Args:
+        sensor: the facts of the sensor, as `describe_radar` returns them.
+        reading: the noun for one reading, "reading" or "fix".
+    """
     if sensor is None:
         return "none"
     plural = "" if sensor["readings"] == 1 else "es" if reading == "fix" else "s"

@@ -47,8 +47,8 @@ def localise(terminal: Terminal, *, map: Path, config: ConfigSource, topic: list
 
     Places of the map are recognised in the recording. Starting from these places, psi registers every scan on the part of
     the map around the scan. Each pose has a covariance relative to that part of the map, and a status: converged;
-    degenerate, if the map does not show one direction; lost, if too little of the scan lies on the map; or outside, if the
-    map is empty there.
+    degenerate, if the map leaves the position uncertain along one direction; lost, if too little of the scan lies on the
+    map; or outside, if the map is empty there.
 
     Example: mqslam localise second_drive --map result --out localised
     """

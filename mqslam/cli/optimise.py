@@ -13,17 +13,17 @@ _OWN: Options = {
         Path,
         ...,
         "GRAPH",
-        "A graph of poses in the plane or in space: a run's graph.g2o, any other .g2o, or a file with what serialize() of "
-        "gtsam.NonlinearFactorGraph returned.",
+        "A graph of poses in the plane or in space: a run's graph.g2o, any other .g2o, or a file with the text that "
+        "serialize() of gtsam.NonlinearFactorGraph returned.",
     ),
     "out": option(
         Path | None,
         None,
-        "The file to write the poses into: .g2o, or .tum for the graph of a run, beside which trajectory.tum lies. "
-        "By default no file is written.",
+        "The file to write the poses into: .g2o, or .tum if GRAPH lies beside the trajectory.tum of its run. By default no "
+        "file is written.",
     ),
     "values": option(
-        Path | None, None, "A file with what serialize() of gtsam.Values returned, for a graph that GTSAM has written."
+        Path | None, None, "A file with the text of serialize() of gtsam.Values, for a graph that GTSAM has written."
     ),
 }
 
@@ -33,8 +33,8 @@ def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
     """Optimise a pose graph in a file, and print its error before and after.
 
     The edges of a .g2o have no robust losses; a run uses such losses so that wrong loops and motions do not bend its graph.
-    The poses that FIX names stay where they are; without FIX, the first pose stays. A run's graph.g2o leaves gyroscope and
-    GNSS out, so that the optimum of this file may differ from the trajectory of the run.
+    The poses that the file's lines FIX name stay where they are; without FIX, the first pose stays. A run's graph.g2o leaves
+    gyroscope and GNSS out, so that the optimum of this file may differ from the trajectory of the run.
 
     Example: mqslam optimise result/graph.g2o --out optimised.g2o
     """
@@ -45,7 +45,7 @@ def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
 
 
 def _format_results(facts: dict[str, Any], out: Path | None) -> str:
-    """Returns the size of the graph, its error and the written file as text, given what `optimise_file` returned."""
+    """Converts the dict that `optimise_file` returned to text: the graph's size, its error and the written file."""
     from mqslam.core.wording import count_of
 
     where = {2: "in the plane", 3: "in space"}[facts["dimensions"]]

@@ -38,7 +38,7 @@ _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth":
 
 
 class _FlagsWithoutType:
-    """A command whose help shows no type for an option that only switches something on."""
+    """A base of commands whose help shows no type for options that only switch something on."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Returns the parameters of the command; parameters that are flags show no type in the help."""
@@ -63,7 +63,10 @@ def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> t
 
 
 def option(kind: Any, default: Any, help: str, *names: str, **more: Any) -> tuple[Any, Any]:
-    """Returns type and declaration of an option, named like its argument unless `names` are given; `more` is for typer."""
+    """Returns the type and the declaration of an option; `more` is passed on to `typer.Option`.
+
+    Without `names`, such as `--out` and `-o`, the option is named like the function argument that gets its value.
+    """
     return kind, typer.Option(default, *names, help=help, **more)
 
 
@@ -192,7 +195,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Returns a function that completes names for the shell: those that `find` lists in `module`, imported on demand."""
+    """Returns a function that completes names for the shell; `find` returns all names, given the module of name `module`."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in find(import_module(module)) if name.startswith(incomplete)]
@@ -207,7 +210,7 @@ class _Shown(logging.Formatter):
     """A formatter of log lines that escapes control characters, since text from a file must not control the terminal."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Returns the lines of a record, with control characters escaped."""
+        """Returns the text of a log record, with control characters escaped."""
         return show_lines(super().format(record))
 
 
@@ -249,7 +252,7 @@ OPTIONS: Final[Options] = {
         str | None,
         None,
         "Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford, "
-        "radiate or rooms. Without it the layout sets bins, stamps and direction, and psi measures the Doppler shift.",
+        "radiate or rooms. By default, the layout of DATA sets range bins, stamps and direction, and psi the Doppler shift.",
         "--config",
         "-c",
         metavar="FILE|NAME",
@@ -281,7 +284,7 @@ OPTIONS: Final[Options] = {
     "extrinsics": option(
         str,
         "auto",
-        r"Where the radar sits on the vehicle: auto (what the recording states, if it does), none, or \[m] forward, "
+        r"Where the radar sits on the vehicle: auto (as the recording states, if it does), none, or \[m] forward, "
         r"\[m] to the left, \[degrees] to the left.",
         metavar="auto|none|X,Y,YAW",
     ),
@@ -344,7 +347,7 @@ OPTIONS: Final[Options] = {
         "verdict (in metres and degrees) follow in proportion.",
         metavar="METRES",
     ),
-    "force": flag("Replace whatever is at --out.", "--force"),
+    "force": flag("Replace a file at --out, or results in a folder at --out; other files in the folder stay.", "--force"),
     "jobs": option(
         int, os.cpu_count() or 1, "Number of processes to use, which does not change the result.", "--jobs", "-j", min=1
     ),

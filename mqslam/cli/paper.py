@@ -20,7 +20,7 @@ _TABLE: Options = {
 _FIGURES: Options = {
     "out": option(Path, ..., "Folder for the figures; it must not exist yet.", "--out", "-o"),
     "seed": option(int, 1, "Seed of the yard and the noise.", min=0),
-    "suffix": option(Literal[".pdf", ".png", ".svg"], ".png", "Form of the pictures."),
+    "suffix": option(Literal[".pdf", ".png", ".svg"], ".png", "File format of the pictures."),
 }
 
 
@@ -33,8 +33,8 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
     lists three constant motions, each with the paper's own result, with the results of an exhaustive search (the paper's
     method) under the published score, and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5
     degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between buildings. The search tries v from -0.5 to
-    1.5 m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and then all pairs up to 0.1 m/s and 0.02
-    rad/s from the best one, which may lie outside these ranges, in steps of 0.01 m/s and 0.002 rad/s. "As printed" is
+    1.5 m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02. Then it tries all pairs within 0.1 m/s and
+    0.02 rad/s of the best pair, even outside these ranges, in steps of 0.01 m/s and 0.002 rad/s. "As printed" is
     the score of equations (4), (8), (9) and (10) with the Gaussian in time; "charged" has our defaults, which are a
     plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's listing, whose cost differs from
     equation (10).

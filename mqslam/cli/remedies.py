@@ -16,11 +16,11 @@ _WORDS: dict[str, str] = {
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
     Remedy.GIVE_EXTRINSICS_OR_RADAR: (
-        "give --extrinsics X,Y,YAW, or --frame radar, with which a run estimates the extrinsics if there is odometry"
+        "give --extrinsics X,Y,YAW, or --frame radar: if there is odometry, a run then estimates the extrinsics"
     ),
     Remedy.NAME_GYROSCOPE: "give a file with the readings of a gyroscope by --imu",
-    Remedy.SWITCH_GYROSCOPE_ON: "give --imu auto for the recording's own, or --imu FILE",
-    Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
+    Remedy.SWITCH_GYROSCOPE_ON: "give --imu auto for the recording's own gyroscope, or --imu FILE for another",
+    Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory of the cloud, or --time-offset if their clocks differ",
     Remedy.GIVE_MORE_POSES: "give a --trajectory with a pose for every scan",
     Remedy.GIVE_ODOMETRY: "give --odometry FILE or another --frontend",
     Remedy.GIVE_OTHER_TRAJECTORY: "give a --trajectory with the stamps of DATA, or --time-offset if their clocks differ",
@@ -30,8 +30,8 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or --trajectory with the name of one that the recording has",
     Remedy.GIVE_VALUES: "give --values FILE",
-    Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
-    Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",
+    Remedy.LEAVE_STRICT_OUT: "mend the recording, or leave --strict out",
+    Remedy.NAME_TOPIC: "name the radar's topic with --topic TOPIC",
     Remedy.NAME_LAYOUT: "name its layout by --format",
     Remedy.NAME_TARGET: "name the layout to write by --to",
     Remedy.MEND_FRONT_END: "mend it (-v shows its traceback), or choose another --frontend",

@@ -74,7 +74,7 @@ def print_run(terminal: Terminal, result: RunResult) -> None:
 
 @contextmanager
 def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
-    """Yields a function that shows each scan of a run while the run goes on; None without --live.
+    """Yields a function that shows the scans of a run one by one while the run goes on; yields None without --live.
 
     Args:
         live: the value of --live, which is `viewer` or the path of an .rrd file; None without the option.
@@ -147,7 +147,12 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
 
 
 def describe_pace(driven_s: float, computed_s: float) -> str:
-    """Describes the speed of a run as a multiple of real time, of a slow run by a number below 1."""
+    """Describes how many times as fast as real time a run was; below 1, the run was slower than the drive.
+
+    Args:
+        driven_s: duration of the recording [s].
+        computed_s: time that the run took [s].
+    """
     ratio = driven_s / max(computed_s, 1e-9)
     return f"{ratio:{'.1f' if ratio >= 1.0 else '.2g'}} times as fast as real time"
 

@@ -28,7 +28,7 @@ _VARIANT: Options = {
     "factor": option(
         str | None,
         None,
-        "What L is multiplied by: distance (the paper's equation 10) or kappa (Algorithm 1). Default: the "
+        "Factor on the Lorentzian L: distance (the paper's equation 10) or kappa (Algorithm 1). Default: the "
         "setting psi.factor.",
     ),
     "unmatched": option(
@@ -105,7 +105,7 @@ def parse_motion(text: str) -> se2.Array:
 
 
 def _format_results(scores: dict[str, Any]) -> str:
-    """Returns the scores of a window as text, given what `score_window` returned."""
+    """Returns the scores of a window as text, given the dict that `score_window` returned."""
     window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
     beta = scores["doppler_beta"]
     rows = [

@@ -32,7 +32,7 @@ _PRINT: dict[str, Any] = {
 def show(terminal: Terminal, *, out: Path) -> None:
     """Show the results in a folder in the same form as the command that wrote them.
 
-    Of a batch that is not finished, the runs that have ended so far are shown.
+    If a batch is not finished, the runs that have ended so far are shown.
 
     Example: mqslam show result
     """

@@ -55,7 +55,7 @@ _OWN: Options = {
     "seed": option(
         int,
         1,
-        "Seed of the scene and the noise; the same seed gives the same bytes, and with another --movers the same streets.",
+        "Seed of the scene and the noise. The same options give the same files; --movers does not change the streets.",
     ),
 }
 

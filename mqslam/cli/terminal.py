@@ -28,8 +28,8 @@ _STAGES = {  # the title of each stage, and the unit that the stage counts
     "simulate": ("simulating", "scan"),
     "detect": ("reading and detecting", "scan"),
     "windows": ("measuring motion", "scan"),
-    "steps along": ("registering scans on the scans before", "place"),
-    "doubtful steps along": ("searching wider for doubtful scans", "place"),
+    "steps along": ("registering scans on the previous scans", "place"),
+    "doubtful steps along": ("searching farther around doubtful scans", "place"),
     "spans along": ("registering scans on earlier scans", "span"),
     "loops": ("verifying loops", "place"),
     "recognise": ("recognising places", "place"),
@@ -45,7 +45,7 @@ _STAGES = {  # the title of each stage, and the unit that the stage counts
     "speeds": ("checking the speed", "place"),
     "speeds in gaps": ("checking the speed in gaps", "place"),
     "revisits": ("judging revisits", "place"),
-    "scans": ("mending by scans", "scan"),
+    "scans": ("registering scans for mending", "scan"),
     "table1": ("making table 1", "trial"),
 }
 _LINE_EVERY_S = 10.0
@@ -53,7 +53,7 @@ _LEAST_TIMED_S = 0.5  # a stage that has taken less time shows no rate, since th
 
 
 class Terminal:
-    """Prints what a command has to say, and opens the engine that does the command's work.
+    """Prints the results and the notes of a command, and opens the engine that does the command's work.
 
     Args:
         quiet: whether only errors are printed.
@@ -77,7 +77,7 @@ class Terminal:
         """Yields the `Work` of the command, with an engine on this machine or the cluster, and reports on this terminal.
 
         Args:
-            watch: called with every scan once its motion is measured; None is not called.
+            watch: called with every scan once its motion is measured; None if nothing watches.
 
         Raises:
             ClusterError: the cluster cannot be used.
@@ -195,7 +195,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
 
 class _Stages:
-    """Keeps a task of rich's progress for each stage. A stage that runs in rounds is counted and timed again in each round.
+    """Keeps a task of rich's progress for each stage; a stage that is repeated starts again from zero in each round.
 
     Args:
         bars: rich's progress.
@@ -207,9 +207,9 @@ class _Stages:
         self._rounds: dict[str, int] = {}
 
     def update(self, stage: str, done: int, total: int) -> Task:
-        """Sets how many steps of a stage are done, and returns the task of the stage with the rate so far.
+        """Sets how many of the `total` steps of a stage are done, and returns the stage's task with its rate so far.
 
-        The stage may name a row of a comparison, as in `audit: psi`.
+        The name `stage` may end with the name of a row of a comparison, as in `audit: psi`.
         """
         kind, _, row = stage.partition(": ")
         title, noun = _STAGES.get(kind, (kind, "item"))

@@ -151,7 +151,7 @@ def test_diff_lists_the_options_that_differ(finished: Path, other: Path) -> None
     unknown = f"options: not known, because run.log of {other} holds"
     assert mqslam("diff", finished, other).out.startswith(f"{unknown} no command of mqslam\n")
     (other / "run.log").write_text(log.replace("command: mqslam run", "command: mqslam batch"))
-    reason = "the command of a batch, whose options are not those of its runs"
+    reason = "the command of a batch, which does not state the options of its runs"
     assert mqslam("diff", other, finished).out.startswith(f"{unknown} {reason}\n")
     found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
     assert found["options"] is None and found["options_not_known"] == f"run.log of {other} holds {reason}"

@@ -97,7 +97,7 @@ def test_folders_have_no_topics(oxford: Path) -> None:
 
 
 def test_the_command_line_names_topics(bag: Path, oxford: Path, tmp_path: Path) -> None:
-    assert "name the radar's with --topic TOPIC" in mqslam("info", bag).err
+    assert "name the radar's topic with --topic TOPIC" in mqslam("info", bag).err
     named = ("--topic", "/rear", "--topic", "odometry=/wheels", "--topic", "truth=/ins")
     shown = mqslam("info", bag, *named)
     assert shown.code == 0 and "radar from /rear" in shown.out and "/wheels" in shown.out and "/ins" in shown.out
