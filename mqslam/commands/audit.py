@@ -109,8 +109,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             sensor's own.
         heights: (lowest, highest) height of the points of a cloud that are used [m]; None takes all points.
         covariances: file with covariances of the trajectory's poses, by which revisits are tested: a run's covariances.csv,
-            TUM with a covariance in each line, or a bag; None takes those in the trajectory's own file, or the file beside
-            a run's own trajectory.tum.
+            TUM with a covariance in each line, or a bag; None takes the covariances in the trajectory's own file, or
+            covariances.csv beside a run's trajectory.tum.
         false_alarms: probability that an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
@@ -118,7 +118,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults. With a lidar's recording or cloud, lengths
             that suit rooms take the place of defaults.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
@@ -127,7 +127,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
         resume: whether an unfinished audit at `out` is continued, with the returns that it has detected in radar data.
         force: whether a result that exists at `out` is replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`.
@@ -175,7 +175,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         sweeps, track, warnings = subject.sweeps, subject.track, subject.warnings
         notes = [*subject.notes, *understood]
         if mount is not None:
-            notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
+            notes.append(f"the trajectory is converted to the sensor's poses by the extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
             sat = np.zeros(3) if mount is None else mount
             sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))
@@ -254,10 +254,20 @@ def _open(
     span: Span,
     time_offset_s: float,
 ) -> Recording:
-    """Opens the recording to audit; the arguments are those of `audit`.
+    """Opens the recording to audit.
+
+    Args:
+        data: path of the recording.
+        format: its layout; None guesses it from the path.
+        range_resolution: length of a range bin [m]; None takes the value in the settings or the recording.
+        settings: all settings.
+        given: the trajectory to audit, with `time_offset_s` added to its stamps; None if the recording carries it.
+        span: begin and end of the part that is audited [s since the recording's start].
+        time_offset_s: the time that was added [s], for the error.
 
     Raises:
-        MqslamError: it cannot be opened, or `given` covers fewer than two scans of the stretch, or after the offset.
+        MqslamError: the recording cannot be opened. If only a part is audited or an offset was added, also if `given` covers
+            fewer than two scans.
     """
     recording = open_radar_or_lidar(data, format, range_resolution, settings, span=span)
     causes = ["only a stretch of the recording was asked for"] if span != WHOLE else []
@@ -269,7 +279,7 @@ def _open(
 
 
 def _list_unknown_covariances(summary: dict[str, Any], stated: RelativeCovariances | None) -> list[str]:
-    """Returns a line for the entry `not_judged` if covariances are stated, but nothing shows whether they are right."""
+    """Returns a line for the entry `not_judged` if covariances are stated, but no revisit shows whether they are right."""
     is_unknown = stated is not None and summary["covariances"] is None
     return ["the stated covariances: no revisit shows whether they are right"] if is_unknown else []
 
@@ -277,7 +287,7 @@ def _list_unknown_covariances(summary: dict[str, Any], stated: RelativeCovarianc
 def _compare(
     summary: dict[str, Any], earlier: dict[str, Any], path: str, notes: list[str], work: Work
 ) -> dict[str, str | list[str]]:
-    """Returns the entry `baseline` of audit.json; a note says so if the earlier audit is of other scans."""
+    """Returns the entry `baseline` of audit.json, and adds a note to `notes` if the earlier audit is of other scans."""
     own, other = summary["dataset"], earlier.get("dataset") or {}
     if any(own[name] != other.get(name) for name in ("format", "sweeps")):
         was, now = (f"{count_of(one.get('sweeps', 0), 'scan')} ({one.get('format')})" for one in (other, own))
@@ -290,7 +300,7 @@ def _judge_honesty(judged: judge.Audit, notes: list[str]) -> dict[str, Any] | No
     """Compares the covariances that a trajectory states with its errors at revisits, and adds the outcome to `notes`.
 
     Returns:
-        The outcome as JSON values; None if the trajectory states no covariances, or if no revisit shows how right they are.
+        The outcome as JSON values; None if the trajectory states no covariances, or if no revisit can test them.
     """
     honesty = judge_honesty(judged.revisits)
     if honesty is None:
@@ -320,9 +330,10 @@ class _Subject:
     Args:
         sweeps: the points, placed by the trajectory and divided into sweeps; a sweep of a recording is a scan.
         track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
-        settings: all settings, with the Doppler shift that was used; `audit` adds the limits of the verdict later.
+        settings: all settings, with the Doppler shift that was used; `audit` later sets the rate of false alarms and the
+            tolerance.
         format: name of the layout of the recording or cloud.
-        notes: what a user should know about how the recording or cloud was read.
+        notes: sentences for the user on how the recording or cloud was read.
         place: returns the points, placed by another trajectory with the same stamps.
         warnings: faults of the recording, in sentences.
         source: the recording; None for a cloud.
@@ -349,7 +360,7 @@ class _Subject:
 
         Args:
             shown: the points, placed by the trajectory that is judged.
-            work: where the work is done, and what reports on it.
+            work: the engine that does the computations, and the functions that get progress and notes.
             turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
             stated: covariances that the trajectory itself states; None if it states no covariances.
             own: tests that the user has added.
@@ -390,7 +401,7 @@ class _Subject:
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
-    """Makes the subject of an audit from a cloud, which is divided into sweeps; a lidar's cloud gets the settings of rooms.
+    """Makes the subject of an audit from a cloud, which is divided into sweeps; a lidar's cloud gets settings for rooms.
 
     Args:
         data: the cloud's file.
@@ -410,7 +421,7 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
 
 
 def _place_recording(source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()) -> _Subject:
-    """Makes the subject of an audit from a recording, its faults, and the trajectory that places its returns."""
+    """Makes the subject of an audit from a recording, the trajectory that places its returns, and notes on its faults."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
     notes, warnings = [*source.notes, *placing], list(faults)
@@ -443,8 +454,8 @@ def _read_given(
     but `mount` holds the extrinsics as a pose (3,) [m, m, rad].
 
     Raises:
-        ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, or the
-            offset is longer than 3000 years, and therefore not in seconds.
+        ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, the
+            trajectory holds no poses, or the offset is longer than 3000 years, and therefore not in seconds.
         DataError: the file is not a trajectory.
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
@@ -501,10 +512,10 @@ def detect_radar(
 
     Args:
         recording: the recording.
-        given: trajectory of the sensor; None takes a trajectory that the recording carries.
-        name: name of this trajectory in the recording.
+        given: trajectory of the sensor; None takes the trajectory `name` that the recording carries.
+        name: `odometry` or `ground_truth`; it has no effect if a trajectory is given.
         settings: all settings.
-        runner: where the returns are detected and kept, and what reports on it.
+        runner: detects the returns, keeps them for a resumed audit, and reports the progress.
 
     Returns:
         The recording with its scans, the trajectory, the settings with the Doppler shift, and the faults of the recording.

@@ -116,7 +116,7 @@ def _parse_runs(path: Path, text: str | bytes) -> list[PlannedRun]:
 
 
 def _advise(key: str) -> str:
-    """Returns advice on an unknown key of an entry, which may be meant as a setting."""
+    """Returns advice on an unknown key of an entry: a similar key, or how to give the setting of a similar name."""
     known = list(PlannedRun.model_fields)
     settings = {name: section for section, values in Config() for name in type(values).model_fields}
     setting = find_near(key, settings)
@@ -141,7 +141,7 @@ def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:
 
 
 def _count_shared(path: Sequence[str], other: Sequence[str]) -> int:
-    """Returns the number of parts in which the ends of two paths agree."""
+    """Returns the number of equal parts at the ends of two paths, such as 2 for (a, b, c) and (d, b, c)."""
     pairs = zip(reversed(path), reversed(other), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
@@ -215,7 +215,7 @@ def batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work 
         plan: the YAML file that lists the runs, in the form of docs/how-to/batch.md.
         out: folder of the results, with a folder for every run; runs that are finished there are kept.
         force: whether results that exist already are replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`. A run that failed is no error: its reason is in the result.
@@ -289,7 +289,7 @@ def _require_seen(folder: Path, outcome: RunOutcome) -> RunOutcome:
 
 
 def _describe_outcome(order: Order, outcome: RunOutcome) -> str:
-    """Returns a line on a run that is finished, with its verdict, or on a run that failed, with the reason."""
+    """Returns a line for the user that says that a run is finished, with its verdict, or that it failed, with the reason."""
     if outcome.summary is None:
         return f"{order.name} failed: {outcome.failure}"
     state = "was finished before" if outcome.kept else "is finished"
@@ -337,7 +337,7 @@ def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
 
 
 def _open_order(order: Order) -> Job:
-    """Opens the recording, the odometry and the sensors of a run, and returns the run, ready to begin.
+    """Opens the recording, the odometry and the sensors of a run, and returns them as a `Job` that is ready to begin.
 
     Raises:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.

@@ -21,17 +21,20 @@ def check(
     range_resolution: float | None = None,
     work: Work = QUIET,
 ) -> Check:
-    """Checks whether a recording contradicts the assumptions by which it is read, and returns a finding per check.
+    """Checks whether the stamps, azimuths, rotation and range bins of a recording are as mqslam assumes when it reads them.
 
     Args:
         data: the recording, of which a few short stretches are read.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one; None takes the setting's or
             the recording's own.
-        work: gets notes and progress. Its engine is not used, since everything is done in this process.
+        work: the functions that get progress and notes. Its engine is not used, since this process does all the work.
+
+    Returns:
+        A finding for each check, with the numbers of scans that were read and that the recording holds.
 
     Raises:
         ConfigError: a setting is wrong, the format is unknown, or the range resolution cannot be the length of a range bin.

@@ -65,14 +65,15 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     """Runs several front ends on the same returns with the same back end, and judges the maps that result.
 
     Args:
-        data: the recording.
+        data: path of the recording.
         out: folder for the results; it must not exist yet.
         frontends: names or Python files of front ends, each once, as a list or as a text separated by commas; `+gyro` after
             a name adds the gyroscope to the pose graph of that front end.
         trajectories: trajectories to compare with, by the names of their rows; each is a `Trajectory`, the path of a file,
             or the two paths of a KITTI trajectory's poses and times.
-        odometry_only: whether the front ends' motions are only chained, without pose graph and loops; then without `+gyro`.
-        kiss_config: YAML file with KISS-ICP's own settings; None takes those of `config`.
+        odometry_only: whether the front ends' motions are only chained, without pose graph and loops; `+gyro` is then an
+            error.
+        kiss_config: YAML file with KISS-ICP's own settings; None takes the file that `config` names, if it names one.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file. With a radar's recording, only
             the front end `odometry` uses it; with a lidar's recording, every front end and pose graph does, as in a run.
         imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only front ends with `+gyro` use it.
@@ -80,13 +81,13 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             proportion. None takes the tolerances of the settings.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether a result that exists at `out` is replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`.
@@ -155,7 +156,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
 
 
 def _set_kiss_config(settings: Config, kiss_config: Path | str | None) -> Config:
-    """Returns the settings with the path of KISS-ICP's own file, if one is given.
+    """Returns the settings with the path of KISS-ICP's own YAML file in them, if this path is given.
 
     Raises:
         ConfigError: the file does not exist.

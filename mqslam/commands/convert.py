@@ -58,8 +58,8 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         out: the file or folder to write; the suffix `.ply` makes a point cloud of keyframes, and `.tum` a run's trajectory.
         to: layout of the output; None guesses it from the suffix.
         message: type of the messages that hold the polar scans in a bag, `image` or `b_scan`.
-        config: settings for reading the recording, as for `run`.
-        format: layout of the recording; None guesses it.
+        config: settings for reading the recording, in any form that `run` takes.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
@@ -71,7 +71,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
 
     Raises:
         ConfigError: the layout is unknown, the data cannot be written in it, the time from `start_s` to `end_s` holds no
-            scan, or these are given for a result.
+            scan, or `start_s` or `end_s` is given for a result.
         DataError: the data cannot be read, or are a result that cannot be converted.
         OutputError: the output exists and may not be replaced, or cannot be written.
     """

@@ -24,7 +24,7 @@ from mqslam.formats.recordings.derived import clip
 
 Source: TypeAlias = Path | str | Recording | Scans
 """A recording: its path, the open recording, or the scans that were detected in it before."""
-_WIDEST: Final = 4.0 * np.pi  # azimuths of one turn are at most this far apart [rad], also where they are not wrapped
+_WIDEST: Final = 4.0 * np.pi  # [rad]; the azimuths of one turn span less, whether they are wrapped or not
 
 
 def detect(
@@ -50,15 +50,15 @@ def detect(
             file, or the name of a shipped configuration; None takes the defaults.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The scans. `scans[k].returns` holds the ranges [m], azimuths [rad], times [s] and intensities of scan k, and
         `scans[k:n]` is a window for `mqslam.score`.
 
     Raises:
-        ConfigError: a setting or the scans are wrong, the time from `start_s` to `end_s` holds no scan, or these are given
-            for scans.
+        ConfigError: a setting or the scans are wrong, the time from `start_s` to `end_s` holds no scan, or `start_s` or
+            `end_s` is given for scans.
         DataError: the recording cannot be used.
 
     Example:
@@ -72,12 +72,12 @@ def detect(
 def read_scans(
     recording: Source, settings: Config, runner: Runner, tell: Callable[[str], None], span: Span = WHOLE
 ) -> tuple[Scans, str]:
-    """Returns the scans of a recording, and advice for the case that they hold too few returns; it may be empty.
+    """Returns the scans of a recording, and the remedy to name if they hold too few returns; the remedy may be "".
 
     Args:
         recording: the path of a recording, an open recording, or scans.
         settings: all settings.
-        runner: detects the returns.
+        runner: detects the returns in a radar's polar scans.
         tell: called with every note for the user about the data.
         span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
 
@@ -109,9 +109,10 @@ def read_scans(
 def check_scans(scans: Scans) -> Scans:
     """Checks that scans are what `Scans`, `Scan` and `Returns` state, since another program may have made them.
 
-    Returns the scans, with returns as contiguous arrays of float64.
+    The constructors do not check this, because the stages make many returns, and checks would slow them down.
 
-    The constructors do not check this, because the stages make returns again and again.
+    Returns:
+        The scans, with returns as contiguous arrays of float64.
 
     Raises:
         ConfigError: the duration of a revolution is impossible, the scans are not in order, or the returns of a scan are not
@@ -148,7 +149,7 @@ def _convert_returns(scans: Scans) -> Scans:
 
 
 def _find_fault(scan: Scan, slack_s: float) -> str:
-    """Returns what is wrong with the returns of a scan and what to do, or "".
+    """Describes the fault in the returns of a scan, and what to do about it, in words; "" if there is no fault.
 
     Args:
         scan: the scan.

@@ -52,8 +52,8 @@ def diff_results(
     Args:
         first: folder of a result.
         second: folder of another result.
-        parse_options: returns the options, by name, in the command line that made a result; if they are not known, a text
-            that says of run.log why, such as `holds no command of mqslam`.
+        parse_options: returns the options, by name, in the command line that made a result or, if they are unknown, the
+            reason as a text about run.log, such as `holds no command of mqslam`.
 
     Returns:
         For two batches, `entries` holds the names of those runs whose options or settings differ, each with a dict of these
@@ -63,17 +63,17 @@ def diff_results(
         For other results, `options`, `settings`, `followed` and `figures` hold the names whose values differ, each with
         [first value, second value]; a value that a result lacks is None. `followed` holds the settings that differ only
         because the commands took them from the recordings. `options` is None if the options of a result are unknown, and
-        `options_not_known` says why; those of a run in the folder of a batch are known if the other result is such a run,
-        too. `psi_not_compared` says why `figures` leaves psi out; it is None if psi compares. `trajectories` is None if the
-        trajectories cannot be compared, and `trajectories_not_compared` says why.
+        `options_not_known` says why; the options of two runs in folders of batches are known. `psi_not_compared` says why
+        `figures` leaves psi out; it is None if psi can be compared. `trajectories` is None if the trajectories cannot be
+        compared, and `trajectories_not_compared` says why.
 
         `trajectories` holds the number of shared `stamps`, the `length_m` of the first trajectory, `spread_m` (the RMS
         distance of its positions from their mean), and the differences `as_they_are` and `aligned` (after the best rigid
         alignment): the largest and the RMS distance [m], the largest rotation [rad], and when both are largest [s since the
-        first shared stamp]. `uncertain_rad` of `aligned` is the rotation [rad] that would move the positions by as much as
-        they are apart (RMS): so well do they show the rotation of the alignment. The largest rotation of `aligned` and its
-        time are None if `uncertain_rad` is more than the largest rotation without alignment, or if the positions are farther
-        apart than `spread_m`.
+        first shared stamp]. `uncertain_rad` of `aligned` is the uncertainty of the alignment's rotation [rad]: a rotation by
+        this angle moves the positions by as much as the trajectories are apart (RMS). The largest rotation of `aligned` and
+        its time are None if `uncertain_rad` is more than the largest rotation without alignment, or if the positions are
+        farther apart than `spread_m`.
 
     Raises:
         DataError: a folder holds no result, or the results are of different kinds.
@@ -108,7 +108,7 @@ def diff_results(
 
 
 def _compare_batches(first: Result, second: Result) -> dict[str, Any]:
-    """Returns the entries `entries` and `verdicts` of `diff_results`."""
+    """Returns the dict of `diff_results` for two batches, with the entries `entries` and `verdicts`."""
     runs = [{run["name"]: run for run in result.summary["runs"]} for result in (first, second)]
     entries, verdicts = {}, {}
     for name in {**runs[0], **runs[1]}:
@@ -148,7 +148,7 @@ def _compare_options(
 
 
 def _read_entry(folder: Path) -> Given | None:
-    """Returns the options of a run from the results of the batch that it belongs to; None if it belongs to none."""
+    """Reads the options of a run from batch.json in the folder above; None if there is no such file, or it lacks the run."""
     above = folder.absolute().parent
     for run in read_result(above).summary["runs"] if (above / "batch.json").is_file() else ():
         if run["name"] == folder.name and all(option in run for option in OPTIONS):
@@ -168,7 +168,8 @@ def _list_settings(results: Sequence[Result]) -> tuple[dict[str, list[Any]], dic
     config.yaml.
 
     Returns:
-        As `_list_changes` does, (1) the settings that somebody has changed, and (2) those that follow from the recordings.
+        Two dicts in the form of `_list_changes`: (1) the settings that somebody has changed, and (2) the settings that
+        commands took from the recordings.
     """
     files = [result.folder / "config.yaml" for result in results]
     if not all(file.is_file() for file in files):
@@ -186,7 +187,7 @@ def _list_settings(results: Sequence[Result]) -> tuple[dict[str, list[Any]], dic
 def _find_other_returns(
     results: Sequence[Result], settings: Given, followed: Given, options: Mapping[str, list[Any]]
 ) -> str | None:
-    """Finds out why psi of two results does not compare: the maps hold other returns, or are scored by other settings.
+    """Finds the reason why psi of two results cannot be compared: different returns in the maps, or different settings.
 
     Args:
         results: both results.
@@ -195,7 +196,7 @@ def _find_other_returns(
         options: the options that differ, by their names.
 
     Returns:
-        The reason, or None if psi compares.
+        The reason, or None if psi can be compared.
     """
     of_lidar = all((result.summary.get("dataset") or {}).get("format") in lidars.FORMATS for result in results)
     chosen = [name for name in settings if _changes_psi(name) and not (of_lidar and is_of_radars(name))]
@@ -217,7 +218,7 @@ def _changes_psi(name: str) -> bool:
 
 
 def _describe_scans(result: Result) -> list[Any]:
-    """Returns values that differ if results have different scans: sizes, merged recordings, and stamps of poses."""
+    """Returns values that differ between results of different scans: sizes, merged recordings, and stamps of poses."""
     dataset = result.summary.get("dataset") or {}
     merged = [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()]
     track = result.folder / "trajectory.tum"
@@ -270,7 +271,7 @@ def _compare_trajectories(first: Result, second: Result) -> tuple[dict[str, Any]
 
 
 def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, Any]:
-    """Returns the differences between trajectories with the same stamps, which `diff_results` describes."""
+    """Returns the differences between trajectories with the same stamps as the dict that `diff_results` describes."""
     distances = np.hypot(*(second_track.poses - first_track.poses)[:, :2].T)
     turns = np.abs(se2.wrap(second_track.poses[:, 2] - first_track.poses[:, 2]))
     seconds = first_track.seconds(int(first_track.stamps_us[0]))

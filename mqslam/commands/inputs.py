@@ -28,7 +28,7 @@ from mqslam.formats.stamps import guess_stated_unit
 from mqslam.formats.trajectories import read_odometry
 
 S = TypeVar("S", Gyroscope, Fixes)
-Extrinsics = tuple[float, float, float]  # [m] forward, [m] to the left, [degrees] to the left
+Extrinsics = tuple[float, float, float]  # position [m] forward, [m] to the left, and rotation [degrees] to the left
 _LARGEST = np.array([100.0, 100.0, 360.0])  # [m, m, degrees]; larger values are in other units, or not numbers
 _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
 
@@ -50,7 +50,7 @@ def open_data(
     """Opens the recording that a command was given.
 
     Args:
-        data: the recording.
+        data: path of the recording.
         format: name of its layout; None guesses it.
         range_resolution: length of a range bin [m]; None takes the value in the settings or the recording.
         settings: all settings.
@@ -98,8 +98,8 @@ def open_radar_or_lidar(
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as poses of the radar, and notes for the user on why odometry is not used.
 
-    Odometry is the motion of the vehicle; if `mount` is None, it is taken as the motion of the radar. The trajectory that is
-    returned is None if there is no odometry, if `choice` is `none`, or if the recording's own does not cover the recording.
+    Odometry is the motion of the vehicle; if `mount` is None, it is taken as the motion of the radar. The odometry that is
+    returned is None if there is none, if `choice` is `none`, or if the recording's own does not cover the whole recording.
 
     Args:
         recording: the recording.
@@ -127,7 +127,7 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
 
 
 def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
-    """Converts poses of a vehicle to poses of its radar; returns the same poses if `mount` is None, and None for None."""
+    """Converts poses of a vehicle to poses of its radar; without a `mount`, returns them unchanged, and None for None."""
     return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
 
 
@@ -159,9 +159,10 @@ def place_truth(recording: Recording, mount: Mount | None) -> Recording:
 
 
 def read_extrinsics(given: Sequence[float] | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
-    """Reads extrinsics, which are three numbers or a text X,Y,YAW; returns them as numbers and as a pose (3,) [m, m, rad].
+    """Converts extrinsics to three numbers (see `Extrinsics`) and to a pose (3,) [m, m, rad]; both are None for None.
 
-    For None, both results are None.
+    Args:
+        given: three numbers or a text X,Y,YAW: metres forward, metres to the left and degrees to the left; or None.
 
     Raises:
         ConfigError: there are not exactly three numbers, or a number is beyond 100 m or 360 degrees.
@@ -183,7 +184,7 @@ def read_extrinsics(given: Sequence[float] | str | None) -> tuple[Extrinsics | N
 
 
 def check_arguments(data: Path | str, out: Path | str, work: Work) -> tuple[Path, Path]:
-    """Returns the paths of the recording and of the results that a command was given, after checking the types of all three.
+    """Checks the types of a command's recording, output and `work`, and returns the paths of recording and output.
 
     Raises:
         ConfigError: an argument has a wrong type; `data` is an open recording, for example.
@@ -209,7 +210,7 @@ def name_choice(given: Path | str, name: str) -> str:
 def name_inputs(
     odometry: Path | str, imu: Path | str, gnss: Path | str, extrinsics: Sequence[float] | str, frame: str = RADAR
 ) -> Inputs:
-    """Returns the inputs that a caller chose, each as a text; extrinsics become X,Y,YAW.
+    """Converts the inputs that a caller chose, which are described in `run`, to texts; extrinsics become X,Y,YAW.
 
     Raises:
         ConfigError: an argument has a type that is not allowed.
@@ -236,7 +237,9 @@ def name_extrinsics(given: Sequence[float] | str) -> str:
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
-    """Returns the sensors that a run uses, with notes on how given files were read, and faults of sensors that are not used.
+    """Returns the gyroscope, the GNSS fixes and the pose of the radar on the vehicle that a run uses.
+
+    They come with notes on how given files were read, and with faults: sentences on why sensors are not used.
 
     Raises:
         ConfigError: the extrinsics are not a pose on a vehicle.

@@ -16,7 +16,7 @@ from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
 
 _OF_RADARS: Final = ("range_resolution_m", "range_offset_m", "doppler_beta", "clockwise", "stamp", "encoder_size")
-"""Settings of section `sensor` that only radars use."""
+"""Names of settings in section `sensor` that only radars use."""
 
 _POSES_AS_ODOMETRY: Final = (
     "the recording has no odometry besides the poses of its scans, which are used as odometry: if a SLAM system made them, "
@@ -36,10 +36,10 @@ def prepare_lidar(
         unit_m: unit of length of the computations [m]; None measures the unit from the ranges of the scans.
 
     Returns:
-        (1) The recording, with scans as `mqslam.detection.surfaces.prepare` makes them, (2) the odometry that the run uses,
-        or None; if the recording has none, the poses that it states for its scans are taken, (3) all settings, with lengths
-        that are fitted to the scans, and (4) sentences on why the recording's odometry is not used, if it has some and the
-        user wants it, on poses of scans that are used as odometry, and on settings that have no effect on lidars.
+        (1) The recording, with scans as `mqslam.detection.surfaces.prepare` makes them. (2) The odometry that the run uses,
+        or None. If a recording has no odometry and the choice is `auto`, the poses that it states for its scans are used.
+        (3) All settings, with lengths that are fitted to the scans. (4) Warnings: that the odometry is not used although the
+        user wants it, that poses of scans are used as odometry, and that settings have no effect on lidars.
 
     Raises:
         ConfigError: an input is given that only radars use.

@@ -1,4 +1,4 @@
-"""Fits settings to rooms, and finds out which settings of a run were fitted to a lidar's recording."""
+"""Gives settings values that suit rooms, and finds the settings of a run that were fitted to a lidar's recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ROOMS_CONFIG: Final = "rooms"
 
 
 def fit_to_rooms(settings: Config) -> Config:
-    """Replaces default settings by those for rooms and lidars, for the audit of a lidar's log or of a finished cloud."""
+    """Replaces default values by values for rooms and lidars, for the audit of a lidar's log or of a lidar's cloud."""
     return fit_settings(fit_settings(settings, load_config(ROOMS_CONFIG), 1.0), load_config(LIDAR_CONFIG), 1.0)
 
 

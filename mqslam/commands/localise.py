@@ -58,9 +58,9 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     """Finds the poses of a recording in the map of an earlier run, without a starting guess, and writes them.
 
     Args:
-        data: the recording.
+        data: path of the recording.
         out: folder for the results; it must not exist yet.
-        map: folder of the earlier result, whose keyframes/ is read; the recording of that run is not needed.
+        map: folder of the earlier result, of which the folder keyframes/ is read; the recording of that run is not needed.
         frontend: name of the front end that measures motions between scans, or path of a Python file with a front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
@@ -68,13 +68,13 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
             metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
         config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped
             configuration; None takes the settings that the map was made with.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         strict: whether a fault of the recording, such as a polar scan that cannot be read, is an error instead of a warning.
         force: whether a result that exists at `out` is replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`.
@@ -116,7 +116,8 @@ def _open_map(path: Path) -> KeyframeMap:
     """Opens the map of a result.
 
     Raises:
-        DataError: there is no map, the map is damaged or holds no places, or another version has described its places.
+        DataError: there is no map, the map is damaged or holds no places, or a version of mqslam with other settings for
+            recognising places has written it.
     """
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
@@ -159,6 +160,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     """Localises a recording in a map; returns the result, and the error of each unreadable scan by the scan's number.
 
     Raises:
+        DataError: most scans cannot be read, or one cannot be read and the job is strict.
         NotInMapError: no place of the map was recognised in the recording.
         EstimationError: no motion can be estimated from the recording.
     """

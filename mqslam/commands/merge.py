@@ -48,7 +48,7 @@ def merge(
         config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped
             configuration; None takes the settings of the first result.
         force: whether a result that exists at `out` is replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`; it can be merged again.

@@ -33,10 +33,10 @@ def optimise_file(
         force: whether a file that exists at `out` is replaced.
 
     Returns:
-        The paths `graph` and `out`; the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph; `error_before`
-        and `error_after`, GTSAM's error of the graph: the sum over all factors of half the squared residual in standard
-        deviations or, for a factor with a robust loss, of this loss; and `left_out`, the number of factors that a
-        .g2o file cannot hold, because they are not edges between poses.
+        A dict with the paths `graph` and `out`, and the number of `poses`, `factors` and `dimensions` (2 or 3) of the graph.
+        `error_before` and `error_after` are GTSAM's error of the graph, a sum over all factors: of the robust loss of a
+        factor that has one, else of half the squared residual in standard deviations. `left_out` is the number of factors
+        that a .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
         ConfigError: the output has an unknown suffix.

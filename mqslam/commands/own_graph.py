@@ -1,4 +1,4 @@
-"""Makes factors from a recording for a user's own GTSAM graph: of motions, loop closures and scans on earlier passes."""
+"""Makes factors for a user's own GTSAM graph: motions, loop closures, and scans that are registered on earlier passes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class PsiFactors(list[Stated]):
         return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {states})"
 
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
-        """Returns starting values for those keys of the factors that have no value in the graph so far.
+        """Returns starting values for those keys of the factors that have no value in `values`.
 
         The pose of a scan without a value follows from the measurements and from the pose of the nearest earlier scan that
         has a value, or else of the first later scan that has a value. If no scan has a value, the first scan lies at the
@@ -124,7 +124,7 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
     end_s: float | None = None,
     work: Work = QUIET,
 ) -> PsiFactors:
-    """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
+    """Measures the motion in a recording, and returns the factors that a run makes of it, for a user's own GTSAM graph.
 
     A run with the same odometry, without loops and other sensors, has the same factors, and therefore the same optimum. A
     run's covariances also contain the error of the radar's scale, which all lengths share. These factors do not contain it,
@@ -157,7 +157,7 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
         submap_keys: function that returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         A list of (factor, measurement). The measurement is what the factor states: the pose of the factor's second key in
@@ -166,7 +166,7 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
 
     Raises:
         ConfigError: a key, a setting or the scans are wrong, there is no such front end, the time from `start_s` to `end_s`
-            holds no scan, or these are given for scans.
+            holds no scan, or `start_s` or `end_s` is given for scans.
         DataError: the recording cannot be used.
         EstimationError: no motion can be estimated from the data.
 
@@ -228,10 +228,10 @@ def loop_factors(
     pose: Pose = gtsam.Pose2,
     work: Work = QUIET,
 ) -> LoopFactors:
-    """Searches a recording for loop closures around a trajectory, as a run does, and returns their factors.
+    """Finds the loop closures of a recording near a given trajectory, as a run does, and returns their factors.
 
     Passes of a place are compared within the uncertainty of the trajectory. A loop is a match by psi that the trajectory
-    allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes better. The
+    allows, that fits nowhere else, that agrees with nearby loops, and that makes the map of its two passes better. The
     uncertainty is computed from `graph`, whose optimum the trajectory must be. Without a graph, the steps of the trajectory
     get the errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the
     front end `odometry`. Over a long path, these errors are larger than those of a good trajectory, so that some passes are
@@ -249,7 +249,8 @@ def loop_factors(
             file, or the name of a shipped configuration; None takes the defaults. `loops.enabled` has no effect.
         pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
             deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
-        work: where the work is done, and what reports on it, including pairs of passes that were left out.
+        work: the engine that does the computations, and the functions that get progress and notes, such as notes on pairs of
+            passes that were left out.
 
     Returns:
         A list of (factor, loop). A loop holds the numbers of its two scans, and the pose of the later scan in the frame of
@@ -354,7 +355,10 @@ def refine(
             which is 0 by default.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
+
+    Returns:
+        The graph with the ties and the loops that stay, its optimum, and psi across passes before and after.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -390,7 +394,7 @@ def refine(
 
 @dataclass(frozen=True)
 class _OpenScans:
-    """The scans of a recording, with the settings and the runner for computations on them.
+    """The scans of a recording, with the settings and the runner for computations on these scans.
 
     Args:
         scans: scans of the recording.
@@ -420,11 +424,11 @@ class _OpenScans:
 
     @property
     def beam(self) -> Beam:
-        """The errors of the sensor and the Doppler shift, by which returns are placed, in the unit of the computations."""
+        """The errors of the sensor's ranges and azimuths, and its Doppler shift, in the unit of the computations."""
         return beam_of(self.unit_config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
-        """Returns what a front end may use besides the scans, in the unit of the computations; `odometry` is in metres."""
+        """Returns a front end's inputs besides the scans, in the unit of the computations; `odometry` is given in metres."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
         track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m)
         beta = self.doppler_beta
@@ -458,7 +462,7 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work, span: Span 
         recording: the path of a recording, an open recording, or scans.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
         span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
 
     Raises:

@@ -71,7 +71,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
 
 
 def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
-    """Returns the map of a result with the curves on it, and the charts below it."""
+    """Returns the main drawing of a result, which is its map with the paths on it, and the charts below this drawing."""
     folder = result.folder
     tracks = result.read_trajectories() if isinstance(result, MergeResult) else [_read_track(folder)]
     maps = []

@@ -27,7 +27,7 @@ _REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, 
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """The result of a command.
+    """The folder and the summary that a command has written; the base class of all results.
 
     Args:
         folder: the folder with the result files, which docs/reference/files.md lists.
@@ -95,17 +95,17 @@ class JudgedResult(Result):
 
 
 class AuditResult(JudgedResult):
-    """The result of an audit."""
+    """The result of an audit: its verdict on the map, and the changes for the worse since an earlier audit."""
 
     @property
     def worse(self) -> list[str]:
-        """Sentences on what is worse than in the baseline; empty if nothing is worse or there is no baseline."""
+        """Sentences on a verdict or tests that are worse than in the baseline; empty without such changes or a baseline."""
         baseline = self.summary.get("baseline")
         return list(baseline["worse"]) if baseline else []
 
 
 class TrajectoryResult(Result):
-    """A result with a trajectory: the optimised one of a run, or the poses of a localisation in the frame of a map."""
+    """A result with a trajectory: the optimised trajectory of a run, or the poses of a localisation in a map's frame."""
 
     @property
     def evo_command(self) -> str:
@@ -122,7 +122,7 @@ class TrajectoryResult(Result):
 
 
 class RunResult(JudgedResult, TrajectoryResult):
-    """The result of a run."""
+    """The result of a run: a trajectory with covariances, a map, and a verdict on the map."""
 
     def read_covariances(self) -> StampedCovariances:
         """Reads the covariances (N, 3, 3) of the poses in x, y, yaw [m, m, rad], in the frame of the first pose.
@@ -134,11 +134,11 @@ class RunResult(JudgedResult, TrajectoryResult):
 
 
 class LocaliseResult(TrajectoryResult):
-    """The result of a localisation."""
+    """The result of a localisation: the poses of a recording in the map of an earlier run."""
 
 
 class MergeResult(Result):
-    """The result of a merge."""
+    """The result of a merge: one map of several recordings, with the trajectory of each."""
 
     def read_trajectories(self) -> list[Trajectory]:
         """Reads the trajectory of each recording; all are in the frame of the merged map.
@@ -152,7 +152,7 @@ class MergeResult(Result):
 
 @dataclass(frozen=True, repr=False)
 class CompareResult(Result):
-    """The result of a comparison.
+    """The result of a comparison: a table of front ends and given trajectories, and the sentence on the best.
 
     Args:
         table: the numbers as text: a line of column heads, and a line per front end or trajectory.
@@ -176,11 +176,14 @@ class CompareResult(Result):
 
 
 class BatchResult(Result):
-    """The result of a batch."""
+    """The result of a batch: the verdict of each run, or that it failed or has not ended yet."""
 
     @property
     def verdicts(self) -> dict[str, VerdictStatus | None]:
-        """The verdict of every run by its name: first failed runs with None, then the others, the gravest first."""
+        """The verdict of every run by its name, the gravest first; None for a run that failed or has not ended.
+
+        Runs that failed come before all others, and runs that have not ended come last.
+        """
         return {run["name"]: VerdictStatus(run["verdict"]) if run["verdict"] else None for run in self.summary["runs"]}
 
     @property
@@ -195,7 +198,10 @@ class BatchResult(Result):
 
     @property
     def unjudged(self) -> dict[str, str]:
-        """The numbers, by name of the run, of those entries of `not_judged` in the batch's `notes` that are said of it."""
+        """The numbers, such as `1, 3`, of the batch's notes on what could not be judged in a run, by the run's name.
+
+        They count the entries of `summary["notes"]["not_judged"]` from 1. Runs without such a note are left out.
+        """
         return number_notes(self.summary)
 
     @property
@@ -265,16 +271,16 @@ def read_result(folder: Path | str) -> Result:
 
 
 def read_unfinished_batch(folder: Path) -> BatchResult | None:
-    """Reads what is known so far of a batch that is not finished.
+    """Reads the outcomes of the runs that have ended so far in a batch that is not finished.
 
     Args:
         folder: the folder of a result.
 
     Returns:
-        The runs of the batch, of which some have ended; None if the folder holds no unfinished batch.
+        All runs of the batch, with the outcomes so far; None if the folder holds no unfinished batch.
 
     Raises:
-        DataError: the file with what is known of the batch is damaged.
+        DataError: the file with these outcomes is damaged.
     """
     path = folder / UNFINISHED_BATCH
     return BatchResult(folder, _read_summary(path, ("warnings", "runs", "counts"))) if path.is_file() else None

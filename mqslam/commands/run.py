@@ -67,7 +67,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     """Estimates the trajectory and the map of a recording, and writes them with a report.
 
     Args:
-        data: the recording.
+        data: path of the recording.
         out: folder for the results; it must not exist yet.
         frontend: name of the front end, or path of a Python file with a front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
@@ -81,14 +81,14 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
             proportion. None takes the tolerances of the settings.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin before this time are left out [s since the recording's start]; None leaves out none.
         end_s: scans that begin at this time or later are left out [s since the recording's start]; None leaves out none.
         strict: whether a fault of the recording, such as a polar scan that cannot be read, is an error instead of a warning.
         resume: whether an unfinished run at `out` is continued.
         force: whether a result that exists at `out` is replaced.
-        work: where the work is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
 
     Returns:
         The result that was written to `out`.
@@ -141,7 +141,7 @@ class Job:
         return key if self.frame == RADAR else f"{key} {self.frame}"
 
     def choose_frame(self, run: Run) -> tuple[Run, Recording]:
-        """Returns a finished run and its recording; for the frame `vehicle`, both with poses converted to the vehicle's."""
+        """Returns a finished run and its recording, both with poses in the frame of the job, of the radar or the vehicle."""
         mount, truth = self.sensors.mount, self.recording.ground_truth
         if self.frame == RADAR or mount is None:
             return run, self.recording
@@ -161,11 +161,18 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
     span: Span = WHOLE,
     unit_m: float | None = None,
 ) -> Job:
-    """Opens a recording and chooses its odometry and sensors.
+    """Opens a recording, and chooses the odometry and the sensors that a run of it uses.
 
-    The arguments are those of `run`, but `settings` is its `config` with the tolerance, `inputs` are its other inputs and
-    its `frame`, and `span` is its (`start_s`, `end_s`). For a lidar's recording, `unit_m` is the unit of length of the
-    computations [m]; None measures the unit from the scans.
+    Args:
+        data: path of the recording.
+        settings: all settings.
+        frontend: name of the front end, or path of a Python file with a front end.
+        inputs: the user's choice of odometry, sensors, extrinsics and frame.
+        format: layout of the recording; None guesses it from the path.
+        range_resolution: length of a range bin [m]; None takes the value in the settings or the recording.
+        strict: whether a fault of the recording is an error instead of a warning.
+        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
+        unit_m: unit of length of the computations on a lidar's scans [m]; None measures it from the scans.
 
     Raises:
         ConfigError: the format, the front end or the frame is unknown, a lidar's recording is given what only radars use,
@@ -192,9 +199,9 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     Args:
         job: the run.
         out: folder of the results.
-        work: where the run is done, and what reports on it.
+        work: the engine that does the computations, and the functions that get progress and notes.
         resume: whether an unfinished run at `out` is continued.
-        how: sentence on how to continue, for the message of an error.
+        how: advice on how to continue an interrupted run, for the message of an error.
 
     Returns:
         The content of summary.json.

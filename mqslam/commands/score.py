@@ -88,15 +88,16 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     """Computes psi, the score of a map, for a window (several consecutive scans) of a recording under a motion.
 
     Args:
-        data: the recording.
+        data: path of the recording.
         start: the first scan of the window begins at or after this time [s since the recording's start].
-        motion: constant twist of the sensor: (2,) v forward [m/s], omega [rad/s], or (3,) vx forward, vy to the left, omega.
+        motion: constant twist of the sensor: (2,) v forward [m/s], omega [rad/s], or (3,) vx forward, vy to the left [m/s],
+            omega [rad/s].
         scans: number of scans in the window.
         variant: values that replace `temporal`, `numerator`, `factor` and `unmatched` of the settings; None keeps a setting.
         minimise: whether the motion is estimated as well. The search finds the minimum nearest to the given motion.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
-        format: layout of the recording; None guesses it.
+        format: layout of the recording, such as `oxford` or `rosbag`; None guesses it from the path.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 
     Returns:
@@ -200,8 +201,8 @@ def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant:
 def _describe_estimate(window: Window, best: WindowMotion, model: MotionModel) -> dict[str, Any]:
     """Returns the estimated motion with its standard deviations and status as a dict.
 
-    The status is degenerate also if the points can move by more than the widest scale of the score, as RMS of one standard
-    deviation: then the place where the search ended says nothing about the motion.
+    The status is also degenerate if the motion is so uncertain that one standard deviation of it moves the points (RMS) by
+    more than the widest kernel of the score, since the minimum that the search has found then says nothing about the motion.
     """
     deviations = best.covariance.diagonal() ** 0.5
     jacobians = window.render(best.theta, model).jacobians

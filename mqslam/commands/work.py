@@ -1,4 +1,4 @@
-"""Defines where a command does its work, and what reports on it."""
+"""Defines the engine that does a command's work, and the functions that get its progress and its notes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def ignore(note: str) -> None:
 
 @dataclass(frozen=True)
 class Work:
-    """Where a command's work is done, and what reports on it; by default this process works, silently.
+    """The engine that does a command's work, and the functions that report on it; by default this process works, silently.
 
     Args:
         engine: does the work; no result depends on the choice of the engine.
         progress: called with the name of a stage, the number of steps done and the number of all steps; `print` shows these
             as lines.
         tell: called with every note for the user about the data, as soon as the note is known.
-        word: returns a text for an audit's run.log, audit.md or junit.xml with its remedies in the caller's words, such as
+        word: rewords a text for an audit's run.log, audit.md or junit.xml, to give remedies in the caller's words, such as
             the names of options on a command line.
         watch: called by a run with every scan once its motion is measured; None if nothing watches.
     """
@@ -57,7 +57,7 @@ def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
 
     Args:
         cluster: address of a Dask cluster, or None.
-        jobs: number of processes to use on this machine.
+        jobs: number of processes to use on this machine, if there is no cluster.
 
     Raises:
         ClusterError: the cluster cannot be used.
