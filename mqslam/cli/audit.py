@@ -43,7 +43,7 @@ _OWN: Options = {
         metavar="X,Y,YAW",
     ),
     "z_range": option(
-        str | None, None, r"Lowest and highest points of a cloud to use \[m]; all by default.", metavar="LOW,HIGH"
+        str | None, None, r"Heights between which points of a cloud are used \[m]; all by default.", metavar="LOW,HIGH"
     ),
     "covariances": option(
         Path | None,

@@ -304,7 +304,7 @@ def _list_absent(order: Order) -> list[Path]:
 
 
 def run_one(terms: Terms, order: Order) -> RunOutcome:
-    """Makes a run in this process and returns its outcome, which holds the error message if the run fails."""
+    """Makes a run of a batch in this process, and returns its outcome, which holds the error message if the run fails."""
     out = terms.out / order.name
     try:
         kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it

@@ -34,7 +34,7 @@ def check(
         work: the functions that get progress and notes. Its engine is not used, since this process does all the work.
 
     Returns:
-        A finding for each check, with the numbers of scans that were read and that the recording holds.
+        The finding of each check, the notes, and the numbers of scans that were read and that the recording holds.
 
     Raises:
         ConfigError: a setting is wrong, the format is unknown, or the range resolution cannot be the length of a range bin.

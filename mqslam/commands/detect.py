@@ -40,8 +40,8 @@ def detect(
     Returns that lie at the same place of the radar's own frame in most scans are left out, since they show the vehicle. The
     command `mqslam score` reads only one window and cannot leave them out, so its psi may differ from `mqslam.score`.
 
-    For a planar lidar, the result is what a run uses, not what was measured: scans are left out where odometry shows no
-    motion, and the returns are points at equal distances along the surfaces that the lidar saw.
+    For a planar lidar, the result holds the scans as a run uses them, not as they were measured: scans are left out where
+    odometry shows no motion, and the returns are points at equal distances along the surfaces that the lidar saw.
     `mqslam.open_recording(path).scans` holds the ranges as they were measured.
 
     Args:
@@ -161,7 +161,7 @@ def _find_fault(scan: Scan, slack_s: float) -> str:
     if not len(ranges):
         return ""
     if not all(np.isfinite(column).all() for column in scan.returns.columns):
-        return "are not all made of finite numbers; leave those out that are not"
+        return "hold numbers that are not finite; leave these returns out"
     if ranges.min() < 0.0:
         return "have negative ranges; give distances from the sensor in metres"
     if np.ptp(azimuths) > _WIDEST:

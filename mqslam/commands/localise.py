@@ -113,7 +113,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
 
 
 def _open_map(path: Path) -> KeyframeMap:
-    """Opens the map of a result.
+    """Reads the map of keyframes in a result, and checks that its places can be recognised.
 
     Raises:
         DataError: there is no map, the map is damaged or holds no places, or a version of mqslam with other settings for
@@ -157,7 +157,7 @@ def _check_sensor(recording: Recording, map: Path, unit_m: float | None) -> None
 
 
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:
-    """Localises a recording in a map; returns the result, and the error of each unreadable scan by the scan's number.
+    """Localises the recording of a job in the map `made`; also returns the errors of unreadable scans by the scans' numbers.
 
     Raises:
         DataError: most scans cannot be read, or one cannot be read and the job is strict.

@@ -130,8 +130,8 @@ def psi_factors(  # noqa: PLR0913 - these are the options of a measurement, each
     run's covariances also contain the error of the radar's scale, which all lengths share. These factors do not contain it,
     since GTSAM takes errors of factors as independent. Gyroscope and GNSS are not used: their factors are left to the user.
 
-    A scan is measured in a *submap*, a piece of the map that grows along the drive, and not against the scan before: if one
-    scan is placed too far ahead, the motion to this scan is too long, and the next motion is too short by as much. Factors
+    Each scan is measured against a *submap*, a piece of the map that grows along the drive, not against the previous scan.
+    If a scan is placed too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors
     between successive scans would treat these errors as independent, and make the path as a whole far too uncertain. The
     submaps are therefore poses of the graph, with keys of their own and factors to their scans and to each other. If the
     submaps were eliminated, every scan would be tied to all others of the drive, and no factor could have a robust loss. No

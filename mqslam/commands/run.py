@@ -120,7 +120,7 @@ class Job:
         settings: all settings.
         frontend: name of the front end, or path of a Python file with a front end.
         strict: whether a polar scan that cannot be read is an error.
-        warnings: sentences on why odometry or sensors are not used; empty if all are used.
+        warnings: sentences on odometry, sensors and settings that are not used, and on a lidar's poses used as odometry.
         sensors: the other sensors that the run uses.
         frame: whose poses the run writes: `radar` or `vehicle`.
     """
@@ -136,7 +136,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A string that changes with the recording, settings, front end, odometry, sensors and frame."""
+        """A text that identifies the run: it changes with recording, settings, front end, odometry, sensors and frame."""
         key = hash_run(self.recording, self.settings, self.frontend, self.odometry, self.sensors)
         return key if self.frame == RADAR else f"{key} {self.frame}"
 

@@ -87,6 +87,8 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 ) -> dict[str, Any]:
     """Computes psi, the score of a map, for a window (several consecutive scans) of a recording under a motion.
 
+    Unlike `score`, it reads the scans from a file, and also computes the psi that the estimator minimises.
+
     Args:
         data: path of the recording.
         start: the first scan of the window begins at or after this time [s since the recording's start].
@@ -168,7 +170,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
 
 
 def _publish(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> PsiScore:
-    """Returns the published psi of a window under parameters (P,) of a motion model."""
+    """Returns psi of a window by the published equations in the form `variant`, under parameters (P,) of a motion model."""
     points = window.render(theta, model)
     return published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
 

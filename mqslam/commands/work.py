@@ -30,7 +30,8 @@ class Work:
         tell: called with every note for the user about the data, as soon as the note is known.
         word: rewords a text for an audit's run.log, audit.md or junit.xml, to give remedies in the caller's words, such as
             the names of options on a command line.
-        watch: called by a run with every scan once its motion is measured; None if nothing watches.
+        watch: called by a run with every scan, its pose and its points, once its motion is measured, as `Watch` states; None
+            if nothing watches.
     """
 
     engine: Engine = HERE

@@ -203,7 +203,7 @@ def test_scans_without_returns_are_refused_in_one_line(street: Street) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: {"ranges": np.where(np.arange(len(r)) == 3, np.nan, r.ranges)}, "not all made of finite numbers"),
+        (lambda r: {"ranges": np.where(np.arange(len(r)) == 3, np.nan, r.ranges)}, "hold numbers that are not finite"),
         (lambda r: {"ranges": -r.ranges}, "negative ranges"),
         (lambda r: {"azimuths": np.degrees(r.azimuths)}, "azimuths that span 3.. rad; give them in radians"),
         (lambda r: {"times": 1e6 * r.times}, "give both in seconds since the recording's start"),
