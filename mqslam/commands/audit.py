@@ -175,7 +175,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         sweeps, track, warnings = subject.sweeps, subject.track, subject.warnings
         notes = [*subject.notes, *understood]
         if mount is not None:
-            notes.append(f"the trajectory is converted to the sensor's poses by the extrinsics: {_describe_mount(mount)}")
+            notes.append(f"the given poses are converted to the sensor by the extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
             sat = np.zeros(3) if mount is None else mount
             sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))

@@ -40,7 +40,7 @@ def test_a_bases_trajectory_with_extrinsics_is_the_sensors(street: Path, quick: 
     a, b = (json.loads((tmp_path / name / "audit.json").read_text()) for name in ("own", "given"))
     assert b["windows"]["inflation_median"] == pytest.approx(a["windows"]["inflation_median"], rel=1e-3)
     assert a["extrinsics"] is None and b["extrinsics"] == [-1.5, 0.4, 90.0]
-    said = "converted to the sensor's poses by the extrinsics: 1.5 m behind, 0.4 m to the left, turned by 90 deg to the left"
+    said = "converted to the sensor by the extrinsics: 1.5 m behind, 0.4 m to the left, turned by 90 deg to the left"
     assert said in given.err and any(said in note for note in b["notes"])
     assert said in (tmp_path / "given" / "report.html").read_text()
 
