@@ -151,7 +151,7 @@ def _describe_final_psi(final: dict[str, float | None]) -> str:
 def _format_results(summary: dict[str, Any]) -> str:
     """Returns verdict, final psi, worst places, covariances and mending as text, given the content of audit.json."""
     from mqslam.auditing.table import TESTS
-    from mqslam.results.audit_gate import list_outcomes
+    from mqslam.core.wording import list_outcomes
 
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":

@@ -76,6 +76,19 @@ def explain_rest(used: int, left_out: int, least: int) -> list[str]:
     return [f"{left}: give a recording, or a stretch of it, in which it moves farther"]
 
 
+def list_outcomes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns the sentences of an audit beside its verdict, as pairs (name, sentence).
+
+    The sentences say whether stated covariances are right, and what mending did; each is left out if there is none.
+
+    Args:
+        summary: content of audit.json.
+    """
+    covariances, mended = (summary.get(name) or {} for name in ("covariances", "mended"))
+    sentences = {"covariances": covariances.get("statement"), "mended": mended.get("sentence")}
+    return [(name, sentence) for name, sentence in sentences.items() if sentence]
+
+
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:
     """Describes the uncertainty of a run's last pose in words.
 

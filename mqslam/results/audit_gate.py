@@ -8,6 +8,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
+from mqslam.core.wording import list_outcomes
 from mqslam.errors import show
 from mqslam.execution.files import write_bytes, write_text
 
@@ -54,19 +55,6 @@ def name_audited(summary: Mapping[str, Any]) -> str:
     """
     dataset, trajectory = summary["dataset"], summary["trajectory"]
     return f"{dataset['path']} ({dataset['format']}){'' if trajectory is None else f' under {trajectory}'}"
-
-
-def list_outcomes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns what an audit says besides its verdict, as pairs (name, sentence).
-
-    The sentences say whether stated covariances are right, and what mending did; each is left out if there is none.
-
-    Args:
-        summary: content of audit.json.
-    """
-    covariances, mended = (summary.get(name) or {} for name in ("covariances", "mended"))
-    sentences = {"covariances": covariances.get("statement"), "mended": mended.get("sentence")}
-    return [(name, sentence) for name, sentence in sentences.items() if sentence]
 
 
 def format_markdown(summary: Mapping[str, Any]) -> str:
