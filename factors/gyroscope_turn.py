@@ -22,7 +22,7 @@ class GyroscopeTurn(NamedTuple):
     """A rotation of the vehicle that a gyroscope measured.
 
     Args:
-        angle: measured angle, counter-clockwise [rad], with an error of less than half a rotation.
+        angle: measured angle, counter-clockwise [rad]; its size is less than pi.
         duration_s: duration of the rotation [s].
         sigma: standard deviation of the angle from white noise [rad].
     """
@@ -42,7 +42,8 @@ def gyroscope_turn(
         b: key of the pose (Pose2) at the end of the rotation.
         calibration: key of the gyroscope's calibration, a vector (2,): bias [rad/s] and scale error [1].
         turn: the measurement.
-        yaws: approximate yaws of the poses a and b [rad], each with an error of less than half a rotation.
+        yaws: approximate yaws of the poses a and b [rad]. Their difference, wrapped to [-pi, pi), must be near the measured
+            angle: beside -pi or pi, an error could add a whole turn.
     """
     by_calibration = np.array([[turn.duration_s, -turn.angle]])
     miss = turn.angle - se2.wrap(yaws[1] - yaws[0])

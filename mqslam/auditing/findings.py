@@ -62,8 +62,8 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool
 
     Returns:
         A finding on the share of torn windows, `not judged` if windows are missing or too few. It may be followed by (1) a
-        `warn`: in too many windows almost no point is seen twice, even in the best map, (2) a `fail`: in most windows almost
-        no point is seen twice in the map under the given poses.
+        `warn`: in too many windows almost no point is seen twice even after psi has corrected the motion through the window,
+        (2) a `fail`: under the given poses, without this correction, almost no point is seen twice in most windows.
     """
     if not windows:
         reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"

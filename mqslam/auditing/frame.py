@@ -152,7 +152,7 @@ def judge_readings(shared: Shared, windows: Sequence[WindowAudit], place: Place,
     tried = sorted(turning, key=lambda window: -_measure_turn(sweeps, window))[:_TRIED]
     if len(tried) < _LEAST_TORN:
         same = "; all poses look the same way" if np.ptp(np.unwrap(track.poses[:, 2])) < _SAME_YAW else ""
-        torn = "whether a mirrored trajectory or missing headings tear the map"
+        torn = "whether a mirrored trajectory or yaw counted the other way tears the map"
         reason = f"frame: the trajectory turns in too few windows to show {torn}{same}"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     for reading in _READINGS:

@@ -149,7 +149,7 @@ def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> 
 
 
 def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
-    """Returns the pose of the variable with a key, x [m], y [m], yaw [rad]; a pose in space is seen from above."""
+    """Returns x [m], y [m] and yaw [rad] of the pose with a key; z, roll and pitch of a Pose3 are left out."""
     try:
         pose = values.atPose2(key)
     except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is

@@ -283,7 +283,9 @@ def read_unfinished_batch(folder: Path) -> BatchResult | None:
         DataError: the file with these outcomes is damaged.
     """
     path = folder / UNFINISHED_BATCH
-    return BatchResult(folder, _read_summary(path, ("warnings", "runs", "counts"))) if path.is_file() else None
+    if not path.is_file() or not path.stat().st_size:  # earlier versions left the file empty
+        return None
+    return BatchResult(folder, _read_summary(path, ("warnings", "runs", "counts")))
 
 
 def _explain_missing(folder: Path) -> DataError:

@@ -86,7 +86,7 @@ class Keyframes:
         return np.column_stack([x - ranges * np.cos(rays), y - ranges * np.sin(rays)])
 
     def scale(self, factor: float) -> Keyframes:
-        """Returns the keyframes with all lengths multiplied by a factor, without a georeference, which is in metres."""
+        """Returns the keyframes with all lengths multiplied by a factor, without the georeference, which is in metres."""
         points = make_stored((len(self.points),), KEYFRAME_POINT)
         points[:] = self.points
         for name in ("x", "y", "range"):

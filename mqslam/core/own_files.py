@@ -39,13 +39,13 @@ def import_file(path: Path, what: str) -> ModuleType:
 def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") -> Iterator[None]:
     """Turns an unexpected error of the block, which runs code from outside of mqslam, into an error that names this code.
 
-    A MemoryError is passed on unchanged, since the code that it stops is seldom at fault.
+    A MqslamError is passed on unchanged, and so is a MemoryError, since the code that it stops is seldom at fault.
 
     Args:
         owner: name of the code for the message, such as "front end mine.py".
         happened: text for the message: `NO_IMPORT` while the code is imported, `STOPPED` while it runs.
         kind: class of the error that is raised.
-        remedy: advice to the user, unless the error itself gives it.
+        remedy: advice to the user, with which the message ends; "" if the text of the unexpected error is enough.
 
     Raises:
         MqslamError: the block raised an unexpected error; this error is of the class `kind`.

@@ -176,7 +176,7 @@ def check_whole(folder: Path) -> None:
     """
     if match := re.fullmatch(rf"\.(.+)\.{_UNFINISHED}(\.\d+)?", folder.resolve().name):
         place = folder.resolve().with_name(match[1])  # becomes the folder of the result
-        raise _explain_unfinished(folder, f"holds results for {place.name} that were not written to their end", place)
+        raise _explain_unfinished(folder, f"holds an incomplete result, which was to become {place.name}", place)
     is_begun = (folder / CHECKPOINT).is_dir() or (folder / UNFINISHED_BATCH).is_file()
     if is_begun and not holds_result(folder):
         raise _explain_unfinished(folder, "holds work that is not finished, and no result yet", folder)

@@ -275,7 +275,7 @@ class PoseLog:
         """Returns a list with a note for the user if `trajectory` leaves out a topic or some of its poses, else []."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
-            return [f"{topic} is left out: it holds no two poses at different times"]
+            return [f"{topic} is left out: it holds no two valid poses at different times"]
         left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
         return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
 

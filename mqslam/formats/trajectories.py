@@ -226,7 +226,7 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, 
     at_once = trajectory is not None and bool(log.clock.unstamped) and stamps[-1] - stamps[0] < _AT_ONCE_US
     if trajectory is None or at_once:
         why = ": their headers have no stamps, and all were recorded at once" if at_once else ""
-        raise DataError(path, f"holds no two poses at different times on {topic}{why}", "name another topic")
+        raise DataError(path, f"holds no two valid poses at different times on {topic}{why}", "name another topic")
     return trajectory, log.clock.notes + log.note_left_out(topic)
 
 

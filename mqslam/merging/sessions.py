@@ -23,6 +23,7 @@ from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop
 from mqslam.core.units import scale_pose
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, EstimationError
 from mqslam.execution.runner import Runner
 from mqslam.factors.between import CAUCHY, HUBER, scale_factors
@@ -345,10 +346,11 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
     rivals = max((m.relation.rivals for m in own), default=0)
     why = "none of its places is recognised in the others" if not matches else f"too few matches agree ({matches} found)"
     if ambiguous or rivals:
-        why = f"several places fit: {ambiguous} submaps match more than one place about equally well"
+        fits = [f"{count_of(ambiguous, 'submap')} matched at several poses about equally well"] if ambiguous else []
         if rivals:
             agreeing = max(m.relation.agreeing for m in own)
-            why += f", and {agreeing} matches agree on one relative pose and {rivals} on another"
+            fits.append(f"{agreeing} matches agree on one relative pose and {rivals} on another")
+        why = f"several places fit: {', and '.join(fits)}"
     return EstimationError(
         f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
         "give recordings that pass the same places",

@@ -188,9 +188,9 @@ def _tabulate_recognition(summary: Mapping[str, Any]) -> Section:
         for m in summary["recognition"]
     ]
     note = (
-        "Submaps of one result are looked up in the other result without a first guess of their place. Rows of matches must "
-        "agree on the pose of one result relative to the other, and hardly any row may agree on a different pose. An "
+        "Submaps of one result are looked up in the other result without a first guess of their place. Matches in rows must "
+        "agree on the pose of one result relative to the other, and hardly any match may agree on a different pose. An "
         "ambiguous submap fits several places and is not used."
     )
-    head = ("looked up", "compared", "matches", "rows", "agree", "agree on the next best relation", "ambiguous")
+    head = ("looked up", "compared", "matches", "rows", "matches that agree", "that agree on a different pose", "ambiguous")
     return Section("Recognition", [note], table=Table(head, rows))

@@ -83,4 +83,4 @@ def test_too_few_windows_that_turn_show_no_mirror_and_are_not_judged() -> None:
         replace(w, torn=True) for w in audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), engine, ignore_progress)
     ]
     finding = judge_readings((straight, CONFIG.audit, CONFIG.estimator), windows, lambda _: sweeps, engine)
-    assert not finding.judged and finding.reason.endswith("tear the map; all poses look the same way")
+    assert not finding.judged and finding.reason.endswith("tears the map; all poses look the same way")

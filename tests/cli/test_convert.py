@@ -274,7 +274,7 @@ def test_a_localisation_becomes_tum_only_and_an_unfinished_run_nothing(finished:
         shown = mqslam("convert", located, tmp_path / out)
         assert shown.code == 2 and "holds no map (map.yaml), as after a localisation, so that only its traj" in shown.err
     shown = mqslam("convert", unfinished, tmp_path / "out.tum")
-    assert shown.code == 2 and "holds results for out that were not written to their end" in shown.err
+    assert shown.code == 2 and "holds an incomplete result, which was to become out" in shown.err
     assert not (tmp_path / "out.tum").exists()
 
 

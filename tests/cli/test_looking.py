@@ -107,9 +107,9 @@ def test_an_unfinished_result_is_neither_suggested_nor_opened(finished: Path, tm
     assert shown.code == 2 and "; give a folder in it that holds a result, such as earlier\n" in shown.err
     for name in (".out.unfinished", ".out.unfinished.1"):
         shown = mqslam("show", tmp_path / name)
-        problem = "holds results for out that were not written to their end; wait until the work has ended, or repeat its"
+        problem = "holds an incomplete result, which was to become out; wait until the work has ended, or repeat its"
         assert shown.code == 2 and shown.err.endswith(f"{name}: {problem} command\n")
-        with pytest.raises(DataError, match="not written to their end"):
+        with pytest.raises(DataError, match="holds an incomplete result"):
             package.read_result(tmp_path / name)
     (tmp_path / "out" / CHECKPOINT).mkdir(parents=True)
     shown = mqslam("show", tmp_path / ".out.unfinished")

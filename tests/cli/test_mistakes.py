@@ -69,7 +69,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("run OXFORD --out out --extrinsics 1,2", "extrinsics 1,2: are not three numbers; give --extrinsics as metres", {}),
     (
         "run OXFORD --out out --frame vehicle",
-        "sits on it; give --extrinsics X,Y,YAW, or --frame radar, with which a run",
+        "sits on it; give --extrinsics X,Y,YAW, or --frame radar: if there is odometry, a run then",
         {},
     ),
     ("run OXFORD --out out --frame vehicle --extrinsics none", "nothing says where the radar sits on it", {}),

@@ -208,5 +208,5 @@ def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.
 
 
 def count_in_sweeps(config: EstimatorConfig, revolution_s: float) -> Kernel:
-    """Returns the settings of the score other than its widths, with times counted in sweeps of `revolution_s` [s]."""
+    """Returns the kernel of the score for times in sweeps instead of seconds; a sweep takes `revolution_s` [s]."""
     return kernel_of(config, SWEEP)._replace(beta_t=BETA_T / revolution_s)

@@ -363,7 +363,7 @@ class TurnEdges:
 
         Args:
             graph: the graph of the N + 1 scans.
-            chain: (N + 1, 3) approximate poses of the scans [m, m, rad]; the error of each yaw must be less than pi.
+            chain: (N + 1, 3) approximate poses of the scans [m, m, rad]; from scan to scan, yaw must change by less than pi.
         """
         for k in np.flatnonzero(np.isfinite(self.turns)).tolist():
             turn = GyroscopeTurn(float(self.turns[k]), float(self.lasts[k]), float(self.sigmas[k]))

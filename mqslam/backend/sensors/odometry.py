@@ -238,10 +238,11 @@ def make_odometry_edges(
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
     """Returns odometry's motions; a contradicted motion gets so large a covariance that it has no effect in the graph.
 
-    The front end contradicts a motion if the scan at its end matches the map farther from odometry's pose than the usual
-    errors of this odometry explain. It also contradicts a motion if this scan is lost although it holds many returns: it
-    then matches the map nowhere near odometry's pose. But if the next scan that matches the same map confirms odometry, the
-    lost scans show places that are not in the map yet, and their motions are not contradicted.
+    A converged motion of the front end contradicts odometry's motion if the two differ by more than the covariance of the
+    former and the usual errors of odometry explain. A lost scan with many returns also contradicts odometry's motion that
+    ends at this scan, since its returns fit the map nowhere near odometry's pose. But a scan is also lost where the place is
+    not in the map yet. Lost scans therefore contradict nothing if the front end keeps its map, and if its next motion that
+    is not lost ends where odometry says.
 
     Args:
         odometry: motions of odometry; there may be none.

@@ -304,4 +304,4 @@ def test_odometry_that_stands_at_one_time_is_not_lost_without_a_word(tmp_path: P
             bag.write(radar, stamp, bag.image(stamp, oxford_rows(k)))
     recording = open_recording(tmp_path / "drive.bag")
     assert recording.odometry is None
-    assert "/odom is left out: it holds no two poses at different times" in recording.faults
+    assert "/odom is left out: it holds no two valid poses at different times" in recording.faults
