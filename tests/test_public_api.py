@@ -270,6 +270,7 @@ def test_a_run_is_silent_and_returns_what_it_has_left(
     assert capfd.readouterr() == ("", "")
     assert result.folder == tmp_path / "out" and result.report.is_file()
     assert result.verdict in ("pass", "warn", "fail", "not judged") and result.reasons
+    assert result.not_judged == result.summary["not_judged"] != []
     assert len(result.read_trajectory()) == result.summary["dataset"]["revolutions"] == SCANS
 
 

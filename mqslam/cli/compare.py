@@ -112,6 +112,7 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
     if marked:
-        echo("* is the best value; ↓ less is better, ↑ more is better, → 1 nearer to 1 is better".translate(arrows))
+        legend = "* is the best value; ↓ less is better, ↑ more is better, → 1 a smaller factor from 1 is better"
+        echo(legend.translate(arrows))
     for line in failed:
         echo(name_options(f"{line[0]} {line[1]}"))

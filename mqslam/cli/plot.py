@@ -19,8 +19,8 @@ _OWN: Options = {
 def plot(terminal: Terminal, *, result: Path, out: Path | None, force: bool) -> None:
     """Draw a result as one figure for print.
 
-    The figure shows the path on the map; the map is darker where its points are denser. For a single trajectory it also
-    shows the covariance, and the error if the result holds ground truth.
+    The figure shows the path, and the map of a run or a merge; the map is darker where its points are denser. For a single
+    trajectory it also shows the covariance, and the error if the result holds ground truth.
 
     Example: mqslam plot result --out map.pdf
     """

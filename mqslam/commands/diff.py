@@ -142,7 +142,8 @@ def _compare_options(
     for result in results:
         given = parse_options(dict(read_origin(result.folder)).get("command", ""))
         if isinstance(given, str):
-            return None, f"run.log of {result.folder} {given}"
+            log = result.folder / "run.log"
+            return None, f"run.log of {result.folder} {given}" if log.is_file() else f"{result.folder} holds no run.log"
         known.append(given)
     return _list_changes(*known), None
 
@@ -218,12 +219,14 @@ def _changes_psi(name: str) -> bool:
 
 
 def _describe_scans(result: Result) -> list[Any]:
-    """Returns values that differ between results of different scans: sizes, merged recordings, and stamps of poses."""
-    dataset = result.summary.get("dataset") or {}
+    """Returns values that differ between results of different scans, such as sizes, the number of points, and stamps."""
+    dataset, psi = (result.summary.get(name) or {} for name in ("dataset", "psi"))
+    per_point = psi.get("per_point_odometry")
+    points = round(psi["odometry"] / per_point) if per_point else None
     merged = [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()]
     track = result.folder / "trajectory.tum"
     stamps_us = read_tum(track).stamps_us.tolist() if track.is_file() else None
-    return [*(dataset.get(name) for name in _SIZES), merged, stamps_us]
+    return [*(dataset.get(name) for name in _SIZES), merged, points, stamps_us]
 
 
 def _is_psi(name: str) -> bool:

@@ -93,6 +93,11 @@ class JudgedResult(Result):
         """The reasons of the verdict, in sentences."""
         return list(self.summary["verdict"]["reasons"])
 
+    @property
+    def not_judged(self) -> list[str]:
+        """Sentences on what the data cannot show, such as the scale of the map; the verdict says nothing about it."""
+        return list(self.summary["not_judged"])
+
 
 class AuditResult(JudgedResult):
     """The result of an audit: its verdict on the map, and the changes for the worse since an earlier audit."""

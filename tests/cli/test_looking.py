@@ -172,6 +172,10 @@ def test_diff_says_why_psi_does_not_compare(finished: Path, other: Path) -> None
     shutil.copy(finished / "config.yaml", other)
     found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
     assert found["psi_not_compared"] is None and "psi.per_point_optimised" in found["figures"]
+    summary["psi"]["per_point_odometry"] *= 0.9  # as with a tenth more points
+    (other / "summary.json").write_text(json.dumps(summary))
+    assert "psi: not compared, because the maps are of different scans; psi compares" in mqslam("diff", finished, other).out
+    shutil.copy(finished / "summary.json", other)
     track = read_tum(other / "trajectory.tum")
     (other / "trajectory.tum").unlink()
     write_tum(other / "trajectory.tum", Trajectory(track.stamps_us[1:], track.poses[1:]))

@@ -81,7 +81,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         problem = f"no scan begins in it; the scans begin from {begin:.1f} s to {last:.1f} s"
         raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give a stretch that holds such times")
     note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
-    note += "; the data of other sensors are not cut"
+    note += f"; {'the odometry is' if isinstance(recording, LidarRecording) else 'the data of other sensors are'} not cut"
     if isinstance(recording, LidarRecording):
         if after - first < 2:
             raise ConfigError(f"the stretch from {span} of {recording.path}: holds one scan; give times that hold more")
