@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
-from mqslam.config import Config
+from mqslam.config import Config, list_changes
 from mqslam.core.sensors import USUAL_INPUTS, Inputs
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, write_json, write_text
@@ -173,6 +173,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         **asdict(order.inputs),
         "start": order.span[0],
         "end": order.span[1],
+        "settings": "; ".join(f"{name}: {value}" for name, _, value in list_changes(Config(), order.settings)),
         "verdict": verdict.get("status"),
         "reasons": "; ".join(verdict.get("reasons", ())),
         "not_judged": "; ".join(summary.get("not_judged", ())),

@@ -131,6 +131,7 @@ def test_an_entry_may_take_a_part_of_the_recording_and_set_settings(work: Path, 
         assert batch(tmp_path, tmp_path / "out", "--quiet").code == 0
     (run,) = json.loads((tmp_path / "out" / "batch.json").read_text())["runs"]
     assert (run["revolutions"], run["duration_s"]) == (6, pytest.approx(3.0, abs=0.01))
+    assert {"detector.threshold: 35.0", "map.cell_m: 0.5"} <= set(run["settings"].split("; "))
     settings = load_config(tmp_path / "out" / "drive" / "config.yaml")
     assert (settings.detector.threshold, settings.map.cell_m, settings.sensor.doppler_beta) == (35.0, 0.5, 0.0)
     with run_in_this_process():
