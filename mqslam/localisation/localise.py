@@ -29,7 +29,7 @@ from mqslam.core import se2, units
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap, Keyframes
 from mqslam.core.measurement import Loop, Measurement
-from mqslam.core.scans import Scans
+from mqslam.core.scans import Scan, Scans
 from mqslam.core.statistics import find_usual_scale
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
@@ -211,7 +211,9 @@ def localise(
         raise NotInMapError(*_say_what_was_tried(setting.drive, made, looked_up, ambiguous))
     with runner.time_stage("surety"):
         scale, samples = _measure_scale(setting, table, runner.engine)
-    _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
+    covariances = se2.scale_covariance(table.covariances, scale)
+    covariances[-1] += _compute_effect_of_last_motion(motions, scans[-1])
+    _fill_in(setting, table, covariances)
     return Localised(
         stamps_us=scans.stamps_us,
         poses=table.poses,
@@ -357,6 +359,24 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
         back = se2.adjoint(se2.inverse(step))
         squares.append(off**2 / np.diag(back @ first.covariance @ back.T + second.covariance))
     return np.array(squares).reshape(-1, 3)
+
+
+def _compute_effect_of_last_motion(motions: Sequence[Measurement], last: Scan) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) that the unknown motion through the last scan adds to its pose, in the pose's own frame.
+
+    No later scan shows how the sensor moves while it takes the last scan, so that the motion before the scan is continued.
+    Its error is taken from the usual change of the velocity between successive motions. The returns are displaced by this
+    error times their times since the start of the scan, and the registered pose by half of the largest displacement.
+
+    Args:
+        motions: the motions between all successive scans.
+        last: the last scan. If all its returns have one time, the result is zero.
+    """
+    changes = np.diff([motion.pose / (motion.t1 - motion.t0) for motion in motions], axis=0)
+    if not len(changes) or not len(last.returns.times):
+        return np.zeros((3, 3))
+    half_s = 0.5 * float(np.ptp(last.returns.times))
+    return np.asarray(half_s**2 * (changes.T @ changes) / len(changes))
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
