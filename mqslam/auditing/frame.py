@@ -50,7 +50,7 @@ def judge_frame(sweeps: Sweeps) -> Finding:
     """
     filled = np.flatnonzero(np.diff(sweeps.begins) > 0)
     if len(filled) < _FEWEST:
-        reason = "frame: too few scans show where the sensor was, so that a trajectory in another frame could hide"
+        reason = f"frame: only {len(filled)} scans have points, too few to tell whether the trajectory has the cloud's frame"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     middles = np.array([np.median(sweeps.points[sweeps.span(k, k + 1)], axis=0) for k in filled.tolist()])
     spreads = [

@@ -145,7 +145,7 @@ class _Link:
 
     Args:
         parents: the parents that messages name; a second parent is a contradiction.
-        rows: by stamp [us], the numbers of the transform to the parent.
+        rows: by stamp [us], the transform to the parent: x, y, z [m] and the quaternion x, y, z, w.
     """
 
     parents: list[str]

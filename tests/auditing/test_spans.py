@@ -95,7 +95,7 @@ def test_too_few_spans_are_counted_and_the_length_of_drive_that_has_more_is_name
     ), why
     near = replace(sweeps, points=np.repeat(sweeps.poses[:, :2], np.diff(sweeps.begins), axis=0))
     assert explain_few_spans([], near).startswith(
-        "no span can be measured, since the sensor sees most things nearer than 15 m"
+        "no span can be measured, since most points are nearer to the sensor than 15 m"
     )
     assert why in judge_spans([], CONFIG.audit, CONFIG.verdict, why).reason and not explain_few_spans(few * 2, sweeps)
 

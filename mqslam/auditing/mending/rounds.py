@@ -255,7 +255,11 @@ class _Mender:
         return tie_scans(list(self._pairs.values()), sweeps)
 
     def _list_variances(self) -> NDArray[np.float64]:
-        """Returns the variances (S - 1, 3) [m^2, m^2, rad^2] of the steps: noise, and more at jumps and torn places."""
+        """Returns the variances (S - 1, 3) [m^2, m^2, rad^2] of the motions between the S successive sweeps.
+
+        Each is the usual noise. At a jump the squared offset is added, and in a torn window or span the squared misfit,
+        shared equally among its motions.
+        """
         variances = np.tile(self._noise, (len(self._steps), 1))
         for place, offset in self._jumps.items():
             variances[place - 1] += offset**2

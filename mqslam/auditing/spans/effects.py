@@ -25,7 +25,11 @@ def resolve(spans: Sequence[Registration], placed: NDArray[np.float64]) -> NDArr
 
 
 def of_direction(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the matrices (N, 2, 2) that convert biases (forward, left) [m/m] to the offsets of N spans [m]."""
+    """Returns the matrices (N, 2, 2) from a bias of all motions to its effects on N spans.
+
+    They convert the motion per metre of path that the trajectory lacks (forward, left) [m/m] to offsets [m]: how far psi
+    moves the end of each span from its place in the trajectory.
+    """
     x, y = measure_moves(spans).T
     return np.moveaxis(np.array([[x, -y], [y, x]]), -1, 0)
 

@@ -84,7 +84,7 @@ def explain_few_spans(spans: Sequence[Registration], sweeps: Sweeps) -> str:
         return ""
     span_m = fit_to_reach(sweeps)
     if span_m < _SPAN_LEAST_M:
-        return f"no span can be measured, since the sensor sees most things nearer than {_SPAN_LEAST_M:g} m"
+        return f"no span can be measured, since most points are nearer to the sensor than {_SPAN_LEAST_M:g} m"
     found = f"only {count_of(len(spans), 'span')}" if spans else "no span"
     long_m = span_m * (1.0 + _EVERY * (SPAN_FEWEST - 1))
     needed = f"it takes {SPAN_FEWEST}, and thus a drive of at least {long_m:.0f} m"

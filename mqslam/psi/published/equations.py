@@ -234,9 +234,10 @@ def _score(
 
 @nb.njit(cache=True, nogil=True)
 def _find_best(chosen: NDArray[np.int64], distance: NDArray[np.float64], exponent: NDArray[np.float64], count: int) -> int:
-    """Returns the index k, 0 <= k < count, of a point's pair with the largest kappa.
+    """Returns the index k, 0 <= k < count, of a point's pair with the largest kappa = exp(-q), and thus the least q.
 
-    For pair k of the point, `chosen` holds the index of the neighbour, `distance` s_ij [m], and `exponent` q.
+    Among pairs of equal q the smallest distance counts, then the smallest index of the neighbour. For pair k of the point,
+    `chosen` holds the index of the neighbour, `distance` s_ij [m], and `exponent` q.
     """
     best = 0
     for k in range(1, count):
