@@ -372,7 +372,8 @@ def _compute_effect_of_last_motion(motions: Sequence[Measurement], last: Scan) -
         motions: the motions between all successive scans.
         last: the last scan. If all its returns have one time, the result is zero.
     """
-    changes = np.diff([motion.pose / (motion.t1 - motion.t0) for motion in motions], axis=0)
+    lasts = np.array([motion.t1 - motion.t0 for motion in motions])
+    changes = np.diff(se2.log([motion.pose for motion in motions]) / lasts[:, None], axis=0)
     if not len(changes) or not len(last.returns.times):
         return np.zeros((3, 3))
     half_s = 0.5 * float(np.ptp(last.returns.times))
