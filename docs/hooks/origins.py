@@ -157,6 +157,12 @@ CONSTANTS = (
         "tuned",
         "the real Oxford sample, the twin, and the simulator's streets and bare corridor",
     ),
+    Constant(
+        "mqslam.psi.covariance",
+        "_SIGNIFICANT",
+        "Number of standard deviations by which a score must be larger than at its minimum to rule a state out.",
+        "definition",
+    ),
     Constant("mqslam.psi.covariance", "_SHOWN", "Relative eigenvalue below which an information is rounding.", "definition"),
     Constant("mqslam.psi.covariance", "_ROUNDING", "Floor of eigenvalues, relative to the largest.", "definition", _GUARD),
     Constant(
@@ -934,6 +940,13 @@ CONSTANTS = (
         "Multiple of the spread along a surface that is added to the covariance of a lidar's point in a pass.",
         "tuned",
         _CORRIDORS,
+    ),
+    Constant(
+        "mqslam.backend.loops.passes",
+        "_FEW",
+        "Number of a lidar's points around a point below which it stands alone, and shows nothing by itself.",
+        "definition",
+        "a surface that ends at a point holds more points within this distance, by their spacing",
     ),
     Constant(
         "mqslam.backend.loops.passes",

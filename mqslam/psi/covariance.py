@@ -32,6 +32,8 @@ from mqslam.psi.score import PsiEvaluation
 _UNKNOWN = 1e6  # variance, in units of the inverse information, where there are no more objects than variables
 _LEAST = 1e-3  # ratio of H to Gauss-Newton's curvature below which a direction counts as not observed at all
 
+# A sum of differences is significant if it is larger than this many of its standard deviations: a usual level (95 %).
+_SIGNIFICANT = 1.0
 # If the ratio of H to Gauss-Newton's curvature is less than this at the widest scale, a direction counts as not observed.
 _OBSERVED_SHARE = 0.16
 _SHOWN = 1e-9  # eigenvalues of the normalised information below this share of the largest one are rounding errors
@@ -79,6 +81,45 @@ def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], clus
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
     _, members = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_inverse=True)
     return np.column_stack([np.bincount(members, weights=column) for column in scores.T])
+
+
+def are_worse(
+    differences: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float, sigmas: float
+) -> NDArray[np.bool_]:
+    """Returns for each of K states whether its score is significantly larger than the score at a minimum (Vuong, 1989).
+
+    The differences between the points' scores are summed by object, as in the covariance. If both states fit equally well,
+    the sum over all objects is about zero, compared with its standard deviation.
+
+    Args:
+        differences: (K, N) score of each point at each state, minus its score at the minimum.
+        points: (N, 2) positions of the points [m], by which they are grouped into objects.
+        cluster_m: side of the cells [m] within which points belong to one object.
+        sigmas: a sum of more than this many standard deviations is significant.
+    """
+    sums = sum_by_object(differences.T, points, cluster_m)
+    return np.asarray(sums.sum(axis=0) > sigmas * np.sqrt(np.sum(sums**2, axis=0)))
+
+
+def find_sigma_by_profile(
+    offsets: NDArray[np.float64], differences: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float
+) -> float:
+    """Returns a variable's standard deviation from scores at distances from a minimum; zero if it is below their spacing.
+
+    Where single points pair up by chance, a score has many narrow minima, and the curvature of one of them does not show how
+    far the others lie. At a distance d from the minimum of a smooth score, the sum of the differences is H d^2 / 2, and its
+    standard deviation is d times the root of sum_c g_c^2. The sum is therefore larger than k of its standard deviations at
+    distances of more than 2 k standard deviations of the variable. The result is the largest distance at which the score is
+    not significantly larger (`_SIGNIFICANT` = k), divided by 2 k.
+
+    Args:
+        offsets: (K,) distances from the minimum, in the unit of the variable.
+        differences: (K, N) score of each point at each distance, minus its score at the minimum.
+        points: (N, 2) positions of the points [m], by which they are grouped into objects.
+        cluster_m: side of the cells [m] within which points belong to one object.
+    """
+    worse = are_worse(differences, points, cluster_m, _SIGNIFICANT)
+    return float(np.abs(offsets[~worse]).max(initial=0.0)) / (2.0 * _SIGNIFICANT)
 
 
 def curvature_by_differences(

@@ -18,7 +18,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from mqslam.backend.loops.registration import set_sigma_along
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
-from mqslam.psi.covariance import sum_by_object
+from mqslam.psi.covariance import find_sigma_by_profile, sum_by_object
 
 # Side of a cell of the image of free space [m, in the recording's unit].
 _CELL_M = 0.08
@@ -101,7 +101,7 @@ def find_way_along(
 
     A position costs the sum, over all returns of both submaps, of the squared depth to which a return lies in the free space
     of the other submap. The standard deviation follows from the curvature of the cost and from the gradients that single
-    objects contribute, as the covariance of psi does.
+    objects contribute, as the covariance of psi does, and is at least the result of `find_sigma_by_profile`.
 
     Args:
         earlier: beams of the earlier submap.
@@ -124,8 +124,9 @@ def find_way_along(
     before, after = best - side, best + side
     curvature = (total[before] + total[after] - 2.0 * total[best]) / (2.0 * _SIDE_M**2)
     slopes = (costs[after] - costs[before])[:, None] / (4.0 * _SIDE_M)
-    pulls = sum_by_object(slopes, np.concatenate([se2.transform(pose, later.ends), earlier.ends]), cluster_m)
-    return float(ways[best]), float(np.sqrt(np.sum(pulls**2)) / curvature)
+    points = np.concatenate([se2.transform(pose, later.ends), earlier.ends])
+    sigma = float(np.sqrt(np.sum(sum_by_object(slopes, points, cluster_m) ** 2)) / curvature)
+    return float(ways[best]), max(sigma, find_sigma_by_profile(ways - ways[best], costs - costs[best], points, cluster_m))
 
 
 def contradicts(

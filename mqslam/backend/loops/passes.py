@@ -30,6 +30,8 @@ LATER_SHARE = 0.5
 _REACHES_M: Final = (SUBMAP_M, LATER_SHARE * SUBMAP_M)  # path to either side of the earlier and of the later submap [m]
 # Points of a lidar's submap within this distance of a point show the surface on which it lies [m, in the recording's unit].
 _AROUND_M = 1.0
+# A point of a lidar's submap stands alone if fewer points than this, itself included, lie within _AROUND_M of it.
+_FEW = 4
 # Multiple of the spread along a surface that is added to a point's covariance.
 _WIDENED = 30.0
 _FAR_M: Final = 1e6  # added path [m] between two recordings: by definition longer than any real one
@@ -198,8 +200,10 @@ def widen_along_surfaces(points: PointSet) -> PointSet:
     In every pass, the beams hit a wall at other spots, which are dense where the wall is near the sensor. Without widening,
     psi would pull two passes to where the dense parts of a wall cover each other. A widened point of a wall says where the
     wall is, but not where the pass is along the wall; ends of walls, doors and pillars show this. The spread along the
-    surface is the larger eigenvalue of the scatter of the points around a point, minus the smaller eigenvalue. A point that
-    stands alone keeps its covariance.
+    surface is the larger eigenvalue of the scatter of the points around a point, minus the smaller eigenvalue.
+
+    A point that stands alone is widened in every direction. Most such points are the few spots at which the beams of a scan
+    hit a distant wall, and these spots lie elsewhere in every scan. A pillar or the end of a wall is hit again and again.
 
     Args:
         points: the points of the submap.
@@ -216,6 +220,7 @@ def widen_along_surfaces(points: PointSet) -> PointSet:
     xx, xy, yy = average(x * x) - mean_x**2, average(x * y) - mean_x * mean_y, average(y * y) - mean_y**2
     half = np.hypot(0.5 * (xx - yy), xy)  # half the difference of the two eigenvalues
     spread = np.column_stack([half + 0.5 * (xx - yy), xy, half - 0.5 * (xx - yy)])
+    spread[count < _FEW] += [_AROUND_M**2, 0.0, _AROUND_M**2]
     return replace(points, covariances=points.covariances + _WIDENED * spread)
 
 

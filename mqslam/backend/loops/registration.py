@@ -7,7 +7,7 @@ correlation, and the pose with the lowest psi is chosen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly,
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import compute_same_m, pick_apart, rank_poses
-from mqslam.psi.covariance import estimate_covariance, find_weak_directions, sum_by_object
+from mqslam.psi.covariance import are_worse, estimate_covariance, find_sigma_by_profile, find_weak_directions
 from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, kernel_of
 from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import PointSet
@@ -36,6 +36,7 @@ _FEWEST = 300
 _SURE_M = 0.3
 # Standard deviation of the position [m] along a direction that the passes do not show: far larger than any search.
 _OPEN_M: Final = 1e3
+_STEP_M: Final = 0.1  # numerical: distance [m] between the poses by which `measure_sigma_along` measures
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,11 +128,9 @@ def _pick_rivals(
     """Returns the poses (R, 3) [m, m, rad] of the other minima that fit about as well as the best minimum.
 
     `submaps` are the reference, and the query that is registered on it. A minimum is picked if its psi over all points is
-    below RIVAL times the psi of the best minimum, or if a test (Vuong, 1989) finds it worse by at most `sigmas` standard
-    deviations. The test sums the differences between the points' scores at the two poses by object, as in psi's covariance;
-    if both poses fit equally well, the sum over all objects is about zero, compared with its standard deviation. The test
-    uses only points that have a reference in reach at both poses. Other points, such as points beyond the end of a pass, do
-    not show which pose is right.
+    below RIVAL times the psi of the best minimum, or if it is not significantly worse by `sigmas` standard deviations
+    (`are_worse`). This test uses only points that have a reference in reach at both poses. Other points, such as points
+    beyond the end of a pass, do not show which pose is right.
     """
     references, query = submaps
 
@@ -143,8 +142,7 @@ def _pick_rivals(
     for other in others:
         shown = near & reaches(other.state)
         worse = (other.evaluation.shares - best.evaluation.shares)[shown]
-        sums = sum_by_object(worse[:, None], query.points[shown], config.cluster_m)
-        by_chance = sums.sum() <= sigmas * np.sqrt(np.sum(sums**2))
+        by_chance = not are_worse(worse[None], query.points[shown], config.cluster_m, sigmas)[0]
         if by_chance or other.evaluation.psi < RIVAL * best.evaluation.psi:
             picked.append(other.state)
     return np.array(picked).reshape(-1, 3)
@@ -224,6 +222,25 @@ def measure_matched_information(
     return float(shown @ score_among(references, points, config).matched / shown.sum())
 
 
+def measure_sigma_along(
+    references: References, query: PointSet, pose: se2.Array, along: NDArray[np.float64], config: EstimatorConfig
+) -> float:
+    """Returns the standard deviation [m] of a submap's position along a direction by `find_sigma_by_profile`.
+
+    Args:
+        references: the reference submap in its own frame.
+        query: the query submap in its own frame.
+        pose: (3,) pose of the query's frame in the reference's frame, at a minimum of psi [m, m, rad].
+        along: (2,) the direction, a unit vector in the reference's frame.
+        config: settings of the score.
+    """
+    offsets = np.arange(0.0, config.s_start, _STEP_M)
+    offsets = np.concatenate([offsets, -offsets[1:]])
+    poses = pose + offsets[:, None] * np.append(along, 0.0)
+    shares = [score_among(references, move_rigidly(query, moved), config).shares for moved in poses]
+    return find_sigma_by_profile(offsets, np.array(shares) - shares[0], query.points, config.cluster_m)
+
+
 def align_passes(
     earlier: PointSet,
     later: PointSet,
@@ -243,7 +260,8 @@ def align_passes(
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.
         on_surfaces: whether the points are widened along surfaces (`widen_along_surfaces`). The passes then match only if,
-            along the direction by `find_least_shown`, `measure_matched_information` is at least MATCHED, too.
+            along the direction by `find_least_shown`, `measure_matched_information` is at least MATCHED, too. The standard
+            deviation along this direction is at least `measure_sigma_along`.
         partly: whether passes on surfaces are registered even if they do not show their relative position along that
             direction, which is then the registration's `along`.
 
@@ -260,7 +278,9 @@ def align_passes(
     points = move_rigidly(later, alignment.pose)
     along = find_least_shown(points)
     if does_fit and measure_matched_information(references, points, along, estimator) >= MATCHED:
-        return alignment
+        sigma = measure_sigma_along(references, later, alignment.pose, along, estimator)
+        if sigma <= _SURE_M:
+            return replace(alignment, covariance=widen_along(alignment.covariance, along, sigma))
     if not partly or np.isinf(alignment.psi):
         return None
     return _leave_open(references, later, guess, alignment, along, estimator)
@@ -304,6 +324,19 @@ def _leave_open(
         return None
     covariance = set_sigma_along(covariance, along, _OPEN_M)
     return Alignment(pose, covariance, matched, evaluation.psi / len(query), np.inf, observed=True, along=along)
+
+
+def widen_along(covariance: NDArray[np.float64], along: NDArray[np.float64], sigma_m: float) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) of a pose, with a standard deviation of at least `sigma_m` along a direction.
+
+    Args:
+        covariance: (3, 3) covariance of the pose [m, m, rad].
+        along: (2,) the direction, a unit vector in the frame of the covariance.
+        sigma_m: the least standard deviation along the direction [m].
+    """
+    widened = covariance.copy()
+    widened[:2, :2] += max(sigma_m**2 - float(along @ covariance[:2, :2] @ along), 0.0) * np.outer(along, along)
+    return widened
 
 
 def set_sigma_along(covariance: NDArray[np.float64], along: NDArray[np.float64], sigma_m: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.psi.correlate import compute_same_m, pick_apart, rank_poses
-from mqslam.psi.covariance import estimate_covariance, find_weak_directions, fuse, invert, sum_by_object
+from mqslam.psi.covariance import are_worse, estimate_covariance, find_weak_directions, fuse, invert
 from mqslam.psi.minimiser import STABILISER, Minimum, Prior, Search, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import Beam, PointSet, place
@@ -257,12 +257,8 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
-        """Returns whether psi rises by more than chance, given the rise (N,) of the share of each point (N, 2) [m].
-
-        The rise must exceed its scatter over objects, since the points of one object are not independent.
-        """
-        by_object = sum_by_object(rise[:, None], points, self.matching.cluster_m)
-        return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
+        """Returns whether psi rises by more than chance, given the rise (N,) of the share of each point (N, 2) [m]."""
+        return bool(are_worse(rise[None], points, self.matching.cluster_m, _DISTINCT_SIGMAS)[0])
 
     def _choose_by_shared(self, scan: Scan, minima: Sequence[Minimum], into: LocalMap) -> Minimum:
         """Returns the first of several matches, or a later one whose psi is lower by more than chance.

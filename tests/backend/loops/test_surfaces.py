@@ -35,6 +35,24 @@ def test_passes_of_a_bare_corridor_do_not_match_along_it() -> None:
     assert align_passes(*submaps, np.zeros(3), REACH, ESTIMATOR, on_surfaces=True) is None
 
 
+def see_bare_walls(seed: int, half_m: float, lone: int) -> PointSet:
+    """Returns a submap of two bare walls: dense points near the sensor, and lone spots ahead at which few beams hit."""
+    random, parts = np.random.default_rng(seed), []
+    for side in (-3.0, 3.0):
+        near, far = np.arange(-half_m, half_m, 0.25) + random.uniform(0.0, 0.25), random.uniform(half_m, 120.0, lone)
+        along = np.concatenate([near, far])
+        parts.append(np.column_stack([along, side + random.normal(0.0, 0.04, len(along))]))
+    points = np.vstack(parts)
+    covariances = np.tile([0.0225, 0.0, 0.0225], (len(points), 1))
+    return widen_along_surfaces(PointSet(points, np.zeros((0, 2, 0)), covariances, np.zeros(len(points))))
+
+
+def test_lone_spots_on_bare_walls_join_no_passes_along_them() -> None:
+    for seed in range(20):
+        submaps = see_bare_walls(2 * seed, 22.0, 60), see_bare_walls(2 * seed + 1, 20.0, 30)
+        assert align_passes(*submaps, np.zeros(3), (3.0, 0.03), ESTIMATOR, on_surfaces=True) is None
+
+
 def test_passes_match_only_where_they_show_the_same_ends_of_walls() -> None:
     """A lidar that looks ahead sees one end of each niche, and the other end on the way back; ends may match by chance."""
     by_chance = 0
@@ -69,5 +87,7 @@ def test_points_are_widened_along_the_line_on_which_their_neighbours_lie() -> No
         around = points[np.linalg.norm(points - point, axis=1) <= 1.0]
         (least, most), vectors = np.linalg.eigh(np.cov(around.T, bias=True) if len(around) > 1 else np.zeros((2, 2)))
         spread = 30.0 * (most - least) * np.outer(vectors[:, 1], vectors[:, 1])
+        if len(around) < 4:  # the corner of the crowd, and the point that stands alone
+            spread += 30.0 * np.eye(2)
         np.testing.assert_allclose(widened.covariances[k] - covariances[k], spread[[0, 0, 1], [0, 1, 1]], atol=1e-12)
     assert np.all(widened.covariances[2:30, 0] > 50.0 * widened.covariances[2:30, 2])
