@@ -19,13 +19,14 @@ _OWN: Options = {
 def plot(terminal: Terminal, *, result: Path, out: Path | None, force: bool) -> None:
     """Draw a result as one figure for print.
 
-    The figure shows the path, and the map of a run or a merge; the map is darker where its points are denser. For a single
-    trajectory it also shows the covariance, and the error if the result holds ground truth.
+    The figure shows the path and the map, which is darker where its points are denser; for a localisation, this is the map
+    of the earlier run. For a single trajectory it also shows the covariance, and the error if the result holds ground truth.
 
     Example: mqslam plot result --out map.pdf
     """
     from mqslam.commands.plot import plot as do
 
-    written = do(result, out, force=force)
+    with terminal.open_work() as work:
+        written = do(result, out, force=force, work=work)
     if not terminal.quiet:
         echo(str(written))

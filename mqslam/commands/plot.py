@@ -8,17 +8,20 @@ from typing import Final
 
 import numpy as np
 
-from mqslam.commands.result import MergeResult, Result, read_result
+from mqslam.commands.result import LocaliseResult, MergeResult, Result, read_result
+from mqslam.commands.work import QUIET, Tell, Work
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, DataError
+from mqslam.errors import ConfigError, DataError, untrusted
 from mqslam.evaluation import align_positions, trace_errors
 from mqslam.execution.files import write_bytes
 from mqslam.execution.folders import check_new_file
 from mqslam.formats.covariances import read_covariances
+from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.pictures import SUFFIXES
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
+from mqslam.mapping.keyframing import render_keyframes
 from mqslam.report.canvas import (
     BLUE,
     GREEN,
@@ -29,6 +32,7 @@ from mqslam.report.canvas import (
     Drawing,
     Points,
     draw_ellipses,
+    draw_routes,
     draw_sheet,
     mix_shades,
     over,
@@ -40,17 +44,18 @@ _PATH: Final = "distance along the path [m]"
 _REMEDY: Final = "give the folder of a run, a localisation or a merge"
 
 
-def plot(result: Result | Path | str, out: Path | str | None = None, *, force: bool = False) -> Path:
+def plot(result: Result | Path | str, out: Path | str | None = None, *, force: bool = False, work: Work = QUIET) -> Path:
     """Draws a result as one figure: its map and path, and below them the error and the standard deviations over the path.
 
     3-sigma ellipses of the covariances lie under the path; of ellipses that would overlap, only the last is drawn. The
     error, and the ground truth aligned with the path, are drawn if the result holds ground truth. For a merge, only the map
-    and the paths are drawn.
+    and the paths are drawn. The map of a localisation is the map that it found its poses in.
 
     Args:
         result: a result of `run`, `localise` or `merge`, or its folder.
         out: the file, whose suffix .pdf, .png or .svg chooses its form; None writes `plot.pdf` into the folder.
         force: whether a file at `out` is replaced.
+        work: its `tell` gets a note if the map of a localisation is gone. Its engine is not used.
 
     Returns:
         The path of the file.
@@ -66,20 +71,21 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
     if out.suffix not in SUFFIXES:
         raise ConfigError(f"{out}: is not a picture file; end its name in {', '.join(SUFFIXES)}")
     check_new_file(out, force=force)
-    write_bytes(out, draw_sheet(*_compose(result), out.suffix))
+    write_bytes(out, draw_sheet(*_compose(result, work.tell), out.suffix))
     return out
 
 
-def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
-    """Returns the main drawing of a result, which is its map with the paths on it, and the charts below this drawing."""
+def _compose(result: Result, tell: Tell) -> tuple[Drawing, list[Chart]]:
+    """Returns the main drawing of a result, which is its map with the paths on it, and the charts below this drawing.
+
+    A note on a map that is gone is passed to `tell`.
+    """
     folder = result.folder
     tracks = result.read_trajectories() if isinstance(result, MergeResult) else [_read_track(folder)]
-    maps = []
-    if (folder / "map.ply").is_file():
-        maps.append((np.column_stack(list(read_ply(folder / "map.ply", ("x", "y")).values())), INK))
+    maps = [(points, INK) for points in _read_map(result, tell)]
     names = ["path"] if len(tracks) == 1 else [f"recording {n}" for n in range(1, len(tracks) + 1)]
     colours = (BLUE,) if len(tracks) == 1 else mix_shades(len(tracks))
-    curves = [Curve(*parts) for parts in zip(names, colours, (track.poses[:, :2] for track in tracks), strict=True)]
+    curves = draw_routes(list(zip(names, colours, (track.poses[:, :2] for track in tracks), strict=True)))
     charts: list[Chart] = []
     if len(tracks) == 1:
         if (folder / TRUTH).is_file():
@@ -88,6 +94,24 @@ def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
             shown = [points for points, _ in maps] + [curve.points for curve in curves]
             _add_covariances(folder / "covariances.csv", tracks[0], shown, curves, charts)
     return Drawing(maps, curves), charts
+
+
+def _read_map(result: Result, tell: Tell) -> list[Points]:
+    """Reads the points (N, 2) [m] of a result's map, as a list with one array; the list is empty if there is no map.
+
+    Raises:
+        DataError: a file is damaged.
+    """
+    if not isinstance(result, LocaliseResult):
+        file = result.folder / "map.ply"
+        return [np.column_stack(list(read_ply(file, ("x", "y")).values()))] if file.is_file() else []
+    with untrusted.blame_file(result.folder / "summary.json"):
+        folder = Path(result.summary["map"]["path"])
+    if find_keyframes(folder) is None:
+        problem = "does not hold the map of this localisation (any more), so that the figure shows only the path"
+        tell(f"{folder.absolute()}: {problem}; move the map there to have it drawn")
+        return []
+    return [render_keyframes(read_keyframes(folder).keyframes).points]
 
 
 def _read_track(folder: Path) -> Trajectory:

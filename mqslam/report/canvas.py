@@ -43,6 +43,7 @@ _LARGEST_ELLIPSE = 0.015  # largest radius of an enlarged ellipse, as a share of
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
 _MOST = 1200  # most points of a line that a chart draws: nobody could see more
+_ROUTE, _WIDER, _WIDEST = 1.4, 1.6, 8.0  # width of the last of several routes; by how much the others grow, each and in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +130,16 @@ def join_lines(lines: Sequence[Points]) -> Points:
     """Joins lines, each of points (N_k, 2), to one array (M, 2) with a row of NaN after each line."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
+
+
+def draw_routes(routes: Sequence[tuple[str, str, Points]]) -> list[Curve]:
+    """Returns lines of routes; each is wider than the lines drawn over it, so that all routes along one road are seen.
+
+    Args:
+        routes: name in the legend, colour, and points (N, 2) [m] of each route, in the order in which they are drawn.
+    """
+    wider = min(_WIDER, _WIDEST / len(routes))
+    return [Curve(*route, width=_ROUTE + wider * over_it) for over_it, route in enumerate(reversed(routes))][::-1]
 
 
 def draw_ellipses(positions: Points, covariances: NDArray[np.float64], shown: Sequence[Points]) -> tuple[Curve, float]:

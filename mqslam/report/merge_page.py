@@ -23,6 +23,7 @@ from mqslam.report.canvas import (
     Drawing,
     Points,
     View,
+    draw_routes,
     draw_world,
     join_lines,
     over,
@@ -91,10 +92,7 @@ def _show_map(merged: Merged) -> Section:
     colours = ", ".join(f"{_COLOURS[n % len(_COLOURS)][0]} is recording {n + 1}" for n in range(len(maps)))
     places = np.array([change.place for change in merged.changes]).reshape(-1, 2)
     links = join_lines([poses[[link.earlier, link.later]] for link in merged.links.loops])
-    tracks = [
-        Curve("", colour, track.poses[:, :2], width=1.0)
-        for (_, colour), track in zip(maps, merged.trajectories, strict=True)
-    ]
+    routes = [("", colour, track.poses[:, :2]) for (_, colour), track in zip(maps, merged.trajectories, strict=True)]
     return Section(
         "Map",
         figures=[
@@ -104,7 +102,7 @@ def _show_map(merged: Merged) -> Section:
                 f"{colours}; red squares are changes",
             ),
             Figure(
-                draw_world([Drawing((), [Curve("", GREY, links, width=1.6), *tracks])])[0],
+                draw_world([Drawing((), [Curve("", GREY, links, width=1.6), *draw_routes(routes)])])[0],
                 "Trajectories",
                 "a grey line ties two places that are linked",
             ),

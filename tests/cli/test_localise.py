@@ -112,6 +112,19 @@ def test_the_recording_of_the_map_is_not_needed(street: Path, mapped: Path, loca
     np.testing.assert_allclose(result.read_trajectory().poses, expected.poses, rtol=0.0, atol=1e-6)
 
 
+def test_the_plot_shows_the_map_or_says_that_it_is_gone(mapped: Path, localised: Path, tmp_path: Path) -> None:
+    shown = mqslam("plot", localised, "--out", tmp_path / "map.svg")
+    assert (shown.code, shown.err) == (0, "") and "<image" in (tmp_path / "map.svg").read_text()
+    moved = shutil.copytree(localised, tmp_path / "moved")
+    summary = json.loads((moved / "summary.json").read_text())
+    summary["map"]["path"] = str(tmp_path / "gone")
+    (moved / "summary.json").write_text(json.dumps(summary))
+    shown = mqslam("plot", moved, "--out", tmp_path / "path.svg")
+    said = f"note: {tmp_path / 'gone'}: does not hold the map of this localisation (any more), so that the figure shows only"
+    assert shown.code == 0 and shown.err.startswith(said) and shown.err.count("\n") == 1
+    assert "<image" not in (tmp_path / "path.svg").read_text()
+
+
 def test_a_stretch_of_a_recording_lies_where_the_whole_does(
     street: Path, mapped: Path, localised: Path, tmp_path: Path
 ) -> None:
