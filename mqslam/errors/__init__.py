@@ -13,11 +13,11 @@ from pathlib import Path
 from types import UnionType
 
 _log = logging.getLogger(__name__)
-_COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
+_UNPRINTABLE = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
 """Characters, as in the brackets of a regular expression, that must not reach a terminal: control characters, invisible
 characters, characters that set the direction of text, and the surrogates that stand for bytes that are not UTF-8."""
-_IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
-_IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
+_IN_LINE = re.compile(f"[\\t\\n{_UNPRINTABLE}]")
+_IN_TEXT = re.compile(f"(?!\\r\\n)[{_UNPRINTABLE}]")
 _LONGEST = 800  # characters of a message; a message may quote a text of any length from a damaged file
 
 
