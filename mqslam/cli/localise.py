@@ -32,6 +32,8 @@ _OWN: Options = {
         "Settings: a YAML file, or the name of one that ships with mqslam; by default the settings of the map.",
         "--config",
         "-c",
+        metavar="FILE|NAME",
+        rich_help_panel="Settings",
         autocompletion=complete_config,
     ),
 }

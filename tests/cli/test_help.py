@@ -114,16 +114,18 @@ def test_flags_show_no_type(words: tuple[str, ...], monkeypatch: pytest.MonkeyPa
     assert "--help" in shown and "<bool>" not in shown
 
 
-def test_options_are_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("command", ["run", "localise"])
+def test_options_are_in_groups(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
-    shown = mqslam("run", "--help").out
+    shown = mqslam(command, "--help").out
     order = [
         "─ Options ",
         "--frontend ",
         "─ Settings ",
+        "--config ",
         "--set ",
         "─ Recording and sensors ",
-        "--gnss ",
+        "--imu ",
         "─ Work and output ",
     ]
     places = [shown.index(word) for word in [*order, "--jobs "]]
