@@ -8,6 +8,7 @@ from mqslam.cli.options import OF_RADAR, Options, command, flag, option
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
 if TYPE_CHECKING:
+    from mqslam.config import ConfigSource
     from mqslam.core import se2
 
 _AT_REST = "this is the minimum nearest to the given motion"
@@ -60,7 +61,7 @@ _OWN: Options = {
     "as_json quiet verbose",
     _OWN,
 )
-def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
+def score(terminal: Terminal, *, motion: str, revolutions: int, config: ConfigSource, **given: Any) -> None:
     """Compute psi, the score of a map, for a window (several consecutive scans) under a motion.
 
     The lower psi, the crisper the map; only values of the same window can be compared. The result holds the published psi
@@ -70,14 +71,15 @@ def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) ->
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
     from mqslam.commands.score import score_window
-    from mqslam.config import PsiConfig
+    from mqslam.config import PsiConfig, load_config, set_values
     from mqslam.config.yaml_file import check_tree
 
-    variant = {name: given.pop(name) for name in _VARIANT}
-    for name, value in variant.items():
+    settings = load_config(config)
+    for name, value in [(name, given.pop(name)) for name in _VARIANT]:
         if value is not None:
             check_tree(PsiConfig, f"--{name} {value}", {name: value})  # raises an error that names the option
-    scores = score_window(motion=parse_motion(motion), scans=revolutions, variant=variant, **given)
+            settings = set_values(settings, "psi", **{name: value})
+    scores = score_window(motion=parse_motion(motion), scans=revolutions, config=settings, **given)
     if not terminal.quiet:
         terminal.print_notes(scores["notes"])
     terminal.print_results(scores, lambda: echo(_format_results(scores)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from mqslam.commands.detect import check_scans
 from mqslam.commands.inputs import open_data
-from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, change_config, load_config
+from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, load_config
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
@@ -73,13 +73,12 @@ def score(scans: Scans, motion: Sequence[float] | se2.Array, *, config: ConfigSo
     return _publish(window, theta, CONSTANT_VELOCITY if len(theta) == 2 else CONSTANT_TWIST, settings.psi)
 
 
-def score_window(  # noqa: PLR0913 - these are the options of a score, each with its default
+def score_window(
     data: Path | str,
     start: float,
     motion: se2.Array,
     *,
     scans: int = 3,
-    variant: dict[str, str | float | None] | None = None,
     minimise: bool = False,
     config: ConfigSource = None,
     format: str | None = None,
@@ -95,7 +94,6 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         motion: constant twist of the sensor: (2,) v forward [m/s], omega [rad/s], or (3,) vx forward, vy to the left [m/s],
             omega [rad/s].
         scans: number of scans in the window.
-        variant: values that replace `temporal`, `numerator`, `factor` and `unmatched` of the settings; None keeps a setting.
         minimise: whether the motion is estimated as well. The search finds the minimum nearest to the given motion.
         config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
             file, or the name of a shipped configuration; None takes the defaults.
@@ -109,12 +107,11 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         motion, whether the search came to rest there (`settled`), its status, and both scores.
 
     Raises:
-        ConfigError: the variant has an unknown value, or the recording does not hold the window.
+        ConfigError: a setting is wrong, or the recording does not hold the window.
         DataError: the recording cannot be used, or a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
-    chosen = {name: value for name, value in (variant or {}).items() if value is not None}
-    settings = change_config(load_config(config), {"psi": chosen})
+    settings = load_config(config)
     model = CONSTANT_VELOCITY if len(motion) == 2 else CONSTANT_TWIST
     recording = open_data(Path(data), format, range_resolution, settings)
     returns, t0 = read_window(recording, settings.detector, start, scans)

@@ -21,9 +21,9 @@ EXPERT: Final[dict[str, Any]] = {"expert": True}
 
 
 class Section(BaseModel):
-    """A group of settings: unknown names are refused, and values cannot be changed once they are read."""
+    """A group of settings: unknown names and numbers that are not finite are refused, and values cannot be changed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ReadingConfig(Section):

@@ -72,8 +72,6 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
             hint = f"did you mean {' or '.join(inside)}?"
         return f"unknown setting {unknown[0]}; {hint}" + ("" if hint.endswith("?") else ", or leave it out")
     where = ".".join(map(str, faults[0]["loc"]))
-    if faults[0]["input"] != faults[0]["input"]:  # only NaN differs from itself
-        return f"{where}: is not a number"
     said = _PLAIN.get(faults[0]["type"], faults[0]["msg"].removeprefix("Value error, "))  # pydantic puts this before ours
     return f"{where}: {said.replace('Input should be', 'must be')}"
 

@@ -151,6 +151,8 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("score STREET --start 0 --motion 1,2,3,4", "is not a motion", {}),
     ("score STREET --start 0 --motion fast,0", "--motion fast,0: is not a motion", {}),
     ("score STREET --start 0 --motion nan,0", "is not a motion", {}),
+    ("score STREET --start 0 --motion 1,0 --unmatched inf", "--unmatched inf: unmatched: must be a finite number", {}),
+    ("score STREET --start 0 --motion 1,0 --unmatched nan", "--unmatched nan: unmatched: must be a finite number", {}),
     (
         "score STREET --start 0 --motion 1,0 --temporal box",
         "error: --temporal box: temporal: must be 'plateau' or 'gaussian'",
