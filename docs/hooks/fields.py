@@ -227,6 +227,7 @@ _AUDIT = _SHARED | {
     "per_window[].t1": "its end [s]",
     **_put("per_window[].", _POSE),
     "per_window[].torn": "whether it is torn; null where it shows too little",
+    "per_window[].by_speed": "whether it is torn only because the scans contradict its speed",
     "per_window[].undecided": "why it shows too little, or null",
     "per_window[].inflation": "squared correction in units of its covariance: chi-square with 3 degrees of freedom",
     **_put("per_window[].", _P_VALUE | _OFFSET | _SIGMAS),

@@ -55,6 +55,7 @@ _WINDOW: Final[Columns] = {
     "t1": lambda w, _: w.t1,
     _POSE: lambda w, _: w.pose,
     "torn": lambda w, _: w.torn if w.undecided is None else None,
+    "by_speed": lambda w, _: w.by_speed,
     "undecided": lambda w, _: w.undecided,
     "inflation": lambda w, _: w.bend.inflation,
     "p_value": lambda w, _: _known(w.p_value),

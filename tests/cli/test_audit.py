@@ -70,7 +70,9 @@ def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
     speeds = [row["dv"] for row in summary["per_window"]]
     assert np.median(speeds) == pytest.approx(-0.05 * 8.0, abs=0.12)  # the street is driven at about 8 m/s
     assert mqslam(*words, "--out", tmp_path / "b", "--quiet").code == 0
-    summary["per_window"] = [row | {"torn": True, "size_m": 0.0, "speed_error": 9.0} for row in summary["per_window"]]
+    by_speed = {"torn": True, "by_speed": True, "speed_error": 9.0}
+    assert all(not row["by_speed"] for row in summary["per_window"])  # the page calls these windows bent, too
+    summary["per_window"] = [row | by_speed for row in summary["per_window"]]
     (tmp_path / "b" / "audit.json").write_text(json.dumps(summary))
     assert "m: not bent, but the scans contradict its speed by 9 m/s\n" in mqslam("show", tmp_path / "b").out
 
