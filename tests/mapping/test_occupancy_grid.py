@@ -14,7 +14,8 @@ from mqslam.core import se2
 from mqslam.core.keyframes import MappedRecording
 from mqslam.core.recording import stamp_scans
 from mqslam.core.scans import Returns
-from mqslam.formats.maps.nav2_map import write_nav2_map
+from mqslam.errors import DataError
+from mqslam.formats.maps.nav2_map import read_nav2_map, write_nav2_map
 from mqslam.mapping import occupancy_grid as module
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free, mark_free_by_keyframes
@@ -75,6 +76,21 @@ def test_a_grid_that_would_be_too_long_gets_coarser(monkeypatch: pytest.MonkeyPa
 def test_an_empty_map_is_one_unknown_cell(tmp_path: Path) -> None:
     write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), CELL_M))
     assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205]]
+
+
+@pytest.mark.parametrize("header", [b"P5\n3 2\n255\n", b"P5\n# made by hand\n3 2 # wide and high\n#\n255\n", b"P5 3 2 255 "])
+def test_a_picture_with_comments_is_read(tmp_path: Path, header: bytes) -> None:
+    write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), CELL_M))
+    (tmp_path / "map.pgm").write_bytes(header + bytes([10, 32, 254, 205, 35, 0]))
+    assert read_nav2_map(tmp_path / "map.yaml").cells.tolist() == [[-1, 100, 100], [100, 100, 0]]
+
+
+@pytest.mark.parametrize("content", [b"P2\n1 1\n255\n0", b"P5\n1 1\n65535\n00", b"P5\n1 1\n15\n0", b"P5\n#", b""])
+def test_a_picture_of_another_kind_is_refused(tmp_path: Path, content: bytes) -> None:
+    write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), CELL_M))
+    (tmp_path / "map.pgm").write_bytes(content)
+    with pytest.raises(DataError, match=r"its image is no binary PGM \(P5\) of pixels from 0 to 255"):
+        read_nav2_map(tmp_path / "map.yaml")
 
 
 def test_keyframes_of_a_lidar_free_the_cells_that_its_scans_free() -> None:

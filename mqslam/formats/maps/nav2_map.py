@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,8 @@ _FREE = 254
 _UNKNOWN = 205
 """Pixels of occupied, free and unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255. The pixel 205
 gives 0.19608, just above the threshold of free cells."""
+_GAP = rb"(?:\s|#[^\n]*\n)+"  # between the numbers of a PGM's header, where programs that draw may leave comments
+_HEADER = re.compile(rb"P5" + _GAP + rb"(?P<columns>\d+)" + _GAP + rb"(?P<rows>\d+)" + _GAP + rb"255\s")
 _ROWS = 500  # rows of the image that are in memory at a time; the result does not depend on this number
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
@@ -90,10 +93,11 @@ def read_nav2_map(file: Path) -> Nav2Map:
         DataError: a file cannot be read, or the files hold no map that map_server can load.
     """
     settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
-    magic, width, height, most, pixels = untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
-    if (magic, most) != (b"P5", b"255"):
-        raise ValueError("its image is not 8-bit grey")
-    image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))
+    content = untrusted.check_file(file.parent / settings["image"]).read_bytes()
+    header = _HEADER.match(content)
+    if header is None:
+        raise ValueError("its image is no binary PGM (P5) of pixels from 0 to 255")
+    image = np.frombuffer(content, dtype=np.uint8, offset=header.end()).reshape(int(header["rows"]), int(header["columns"]))
     darkness = (255.0 - np.arange(256)) / 255.0
     meaning = np.full(256, _MESSAGE_UNKNOWN, dtype=np.int8)
     meaning[darkness > settings["occupied_thresh"]] = _MESSAGE_OCCUPIED
