@@ -9,6 +9,7 @@ from mqslam.check.checks import Check, check_recording
 from mqslam.commands.inputs import choose_odometry, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import ConfigSource, load_config
+from mqslam.errors import OfLidarError
 from mqslam.psi.place import beam_of
 
 
@@ -38,10 +39,16 @@ def check(
 
     Raises:
         ConfigError: a setting is wrong, the format is unknown, or the range resolution cannot be the length of a range bin.
+        OfLidarError: the recording is a lidar's.
         DataError: the recording or the odometry file cannot be used.
     """
     settings = load_config(config)
-    recording = open_data(Path(data), format, range_resolution, settings)
+    try:
+        recording = open_data(Path(data), format, range_resolution, settings)
+    except OfLidarError as error:
+        problem = "is a lidar's recording, which itself states the angles and ranges that a check judges in a radar's"
+        remedy = "`mqslam info` shows its scans, rate, ranges and odometry, and what is left out"
+        raise OfLidarError(data, problem, remedy) from error
     track, notes = choose_odometry(recording, odometry, recording.mount)
     notes = [*recording.notes, *notes]
     for note in notes:

@@ -11,7 +11,7 @@ import numpy as np
 from mqslam.commands.inputs import WHOLE, open_data
 from mqslam.config import ConfigSource, load_config
 from mqslam.core.point_map import PointMap
-from mqslam.errors import ConfigError, DataError, Remedy
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy
 from mqslam.execution.files import blame_output
 from mqslam.execution.folders import check_new_file, check_whole
 from mqslam.execution.progress import Progress, ignore_progress
@@ -109,14 +109,18 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
         if not data.exists():
             raise DataError(data, "does not exist", "check the path")
         source = "a run or a localisation" if out.suffix == ".tum" else "a run, a merge or keyframes"
-        remedy = "give such a folder, or an output that ends in .bag, .mcap or .npz for a recording"
+        remedy = "give such a folder, or an output that ends in .bag, .mcap or .npz for a radar's recording"
         raise ConfigError(
             f"{data}: only the folder of {source} can be written as a file that ends in {out.suffix}; {remedy}"
         )
     target = find_target(out, to, message)
     with claim_target(out, target, force=force, recording=data):
         if not of_run:
-            recording = open_data(data, format, range_resolution, load_config(config), span=span)
+            try:
+                recording = open_data(data, format, range_resolution, load_config(config), span=span)
+            except OfLidarError as error:
+                problem = "is a lidar's recording, which is written in no other layout"
+                raise OfLidarError(data, problem, "make a map of it by `mqslam run`, and convert the result") from error
             notes = write_recording(recording, out, target, partial(progress, "converting"))
             return [*recording.notes, *recording.faults, *notes]
         write_results(out, data, target.name)

@@ -107,7 +107,7 @@ def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     assert table_of(mqslam("info", drive).out)["path"] == str(drive)
 
 
-def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> None:
+def test_a_lidars_log_is_described_and_other_commands_name_what_takes_it(tmp_path: Path) -> None:
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
@@ -120,8 +120,15 @@ def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> 
     assert table_of(shown)["odometry"] == "none; a run uses the poses below as odometry"
     shown = mqslam("info", tmp_path)
     assert shown.code == 2 and "bag with sensor_msgs/LaserScan; scans.log in this folder may be such a log" in shown.err
-    shown = mqslam("check", log)
-    assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err
+    instead = {
+        ("check", log): "states the angles and ranges that a check judges in a radar's; `mqslam info` shows its scans",
+        ("convert", log, tmp_path / "scans.mcap"): "make a map of it by `mqslam run`, and convert the result",
+        ("score", log, "--start", 0, "--motion", "1,0"): "give a radar's recording; a lidar's is read by run",
+    }
+    for words, named in instead.items():
+        shown = mqslam(*words, "--quiet")
+        assert shown.code == 2 and f"{log}: is a lidar's recording" in shown.err and named in shown.err
+        assert shown.err.count("\n") == 1 and not (tmp_path / "scans.mcap").exists()
 
 
 def test_of_a_lidar_with_wheels_it_is_said_that_a_run_uses_fewer_scans(tmp_path: Path) -> None:
