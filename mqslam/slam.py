@@ -109,7 +109,7 @@ class Slam:
                     raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             scans = scans.scale_ranges(solution.range_scale.factor)
             before, after = self._render(scans, solution)
-            checked, kept = self._audit(scans, solution, sensors), None
+            checked, kept = self._audit(scans, solution, context), None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
@@ -249,14 +249,14 @@ class Slam:
             before, after = runner.follow("render", maps, len(maps))
         return before, after
 
-    def _audit(self, scans: Scans, solution: Solution, sensors: Sensors) -> Audit | None:
+    def _audit(self, scans: Scans, solution: Solution, context: Context) -> Audit | None:
         """Audits the optimised map; returns None if the audit fails or there is only one scan."""
         runner = self._runner
         with runner.time_stage("check"), runner.tolerate(CHECK):
             if len(scans) > 1:
                 optimum = None if solution.covariances.failure else (solution.graph, solution.values)
-                track, gyroscope = solution.optimised, sensors.gyroscope
-                return audit_trajectory(scans, track, self._config, solution.beam, runner, optimum, gyroscope)
+                track, beam, others = solution.optimised, solution.beam, (context.sensors.gyroscope, context.odometry)
+                return audit_trajectory(scans, track, self._config, beam, runner, optimum, *others)
         return None
 
     def _measure_ranges(self, scans: Scans, track: Trajectory, beam: Beam) -> RangeErrors | None:

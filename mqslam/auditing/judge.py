@@ -53,6 +53,7 @@ from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_window
 from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import AuditConfig, Config
+from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope
@@ -119,6 +120,7 @@ class Known(NamedTuple):
         sensors: findings from the comparison of the trajectory with other sensors.
         own: further tests of the map, which the user added.
         is_of_run: whether a run made the trajectory, so that its stamps are the stamps of the recording.
+        odometry: (M, 3) poses x, y [m], yaw [rad] by odometry at the times of the trajectory's poses; None without odometry.
     """
 
     stated: RelativeCovariances | None = None
@@ -126,6 +128,7 @@ class Known(NamedTuple):
     sensors: Sequence[Finding] = ()
     own: Sequence[MapTest] = ()
     is_of_run: bool = False
+    odometry: se2.Array | None = None
 
 
 UNKNOWN: Final = Known()
@@ -173,7 +176,7 @@ def audit(
     steps = audit_steps(shared, ~interpolated, share_of_false_alarms(limits), engine, progress)
     jumps = pick_jumps(find_torn_steps(steps, settings, limits), lambda step: step.registration.size_m)
     tests = {
-        "trajectory": _judge_trajectory(sweeps, steps, settings),
+        "trajectory": _judge_trajectory(sweeps, steps, settings, known.odometry),
         "speeds": judge_speeds(speeds, capture, is_of_run=known.is_of_run),
         "windows": judge_windows(windows, len(sweeps), is_of_run=known.is_of_run),
         "steps": [judge_steps(steps, jumps, settings, limits)],
@@ -221,6 +224,7 @@ def audit_trajectory(
     runner: Runner,
     optimum: Optimum | None = None,
     gyroscope: Gyroscope | None = None,
+    odometry: Trajectory | None = None,
 ) -> Audit:
     """Judges the map that a run has made; of its windows, only `_SAMPLED_WINDOWS` are judged.
 
@@ -233,6 +237,7 @@ def audit_trajectory(
         optimum: the optimised pose graph of the trajectory and its values, which give the trajectory's covariances; None
             if these cannot be computed.
         gyroscope: gyroscope whose turns are compared with the trajectory's turns, or None.
+        odometry: odometry whose jumps are compared with the trajectory's jumps, or None.
 
     Raises:
         EstimationError: the trajectory covers fewer than two scans, or these hold no returns.
@@ -240,11 +245,14 @@ def audit_trajectory(
     sensors = [] if gyroscope is None else [judge_gyroscope(check_gyroscope(gyroscope, scans, trajectory))]
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
-    known = Known(stated, sensors=sensors, is_of_run=True)
+    driven = None if odometry is None else odometry.at(trajectory.stamps_us)
+    known = Known(stated, sensors=sensors, is_of_run=True, odometry=driven)
     return audit(sweeps, config, runner.engine, runner.progress, _SAMPLED_WINDOWS, known)
 
 
-def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: AuditConfig) -> list[Finding]:
+def _judge_trajectory(
+    sweeps: Sweeps, steps: Sequence[StepAudit], settings: AuditConfig, odometry: se2.Array | None
+) -> list[Finding]:
     """Returns findings on gaps, jumps and missing poses of the trajectory; none for a cloud without a trajectory.
 
     Stamps that jitter look like jumps, too. A jump therefore gets the verdict `fail` only if the scans show it as well.
@@ -252,7 +260,7 @@ def _judge_trajectory(sweeps: Sweeps, steps: Sequence[StepAudit], settings: Audi
     track = sweeps.track
     if track is None:
         return []
-    own = judge_track(track, sweeps.times, sweeps.revolution_s, settings)
+    own = judge_track(track, sweeps.times, sweeps.revolution_s, settings, odometry)
     if any(
         _shows(step, jump, settings) for jump in find_jumps(track, WINDOW * sweeps.revolution_s, settings) for step in steps
     ):

@@ -6,7 +6,7 @@ These tests come before all others, since they find faults of the trajectory tha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -82,7 +82,13 @@ class Jump:
     angle_rad: float
 
 
-def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
+def judge_track(
+    track: Track,
+    times: NDArray[np.float64],
+    revolution_s: float,
+    settings: AuditConfig,
+    odometry: se2.Array | None = None,
+) -> list[Finding]:
     """Returns the findings on gaps and jumps of a trajectory; an empty list if it has none of these faults.
 
     Poses before the first scan and after the last scan are not judged, since they move no point.
@@ -92,6 +98,7 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
         times: (S,) starts of the scans that the trajectory covers [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
         settings: settings of the audit.
+        odometry: (M, 3) poses by odometry at the times of the trajectory's poses; None without odometry.
     """
     findings = []
     span_s = WINDOW * revolution_s
@@ -113,6 +120,9 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
     if jumps:
         named = [f"at {jump.t0:.1f} s {_describe_jump(jump)}" for jump in jumps]
         reason = f"the trajectory jumps {_join(named)}: no vehicle moves like that"
+        driven = [] if odometry is None else find_jumps(replace(track, poses=odometry), span_s, settings)
+        if {jump.t0 for jump in jumps} <= {jump.t0 for jump in driven}:
+            reason += "; the odometry jumps there, too"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.JUMP, explanation=reason))
     return findings
 

@@ -366,7 +366,9 @@ class _Subject:
             own: tests that the user has added.
         """
         sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *self.check_odometry(shown)]
-        known = judge.Known(stated, None if self.track is None else self.place_poses, sensors, own)
+        odometry, place = self._find_odometry(), None if self.track is None else self.place_poses
+        driven = None if odometry is None or self.track is None else odometry.at(self.track.stamps_us)
+        known = judge.Known(stated, place, sensors, own, odometry=driven)
         return judge.audit(shown, self.settings, work.engine, work.progress, known=known)
 
     def place_poses(self, poses: se2.Array) -> Sweeps:
@@ -386,12 +388,18 @@ class _Subject:
 
         The list is empty if there is no odometry, if the odometry itself is audited, or if the points have no trajectory.
         """
-        trajectory, odometry = self._find_shown(shown), None if self.source is None else self.source.tracks.get(ODOMETRY)
-        if self.source is None or odometry is None or self.track is None or trajectory is None:
-            return []
-        if np.array_equal(odometry.stamps_us, self.track.stamps_us) and np.array_equal(odometry.poses, self.track.poses):
+        trajectory, odometry = self._find_shown(shown), self._find_odometry()
+        if self.source is None or odometry is None or trajectory is None:
             return []
         return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
+
+    def _find_odometry(self) -> Trajectory | None:
+        """Returns the recording's odometry; None if there is none, or if the odometry itself is audited."""
+        odometry, track = None if self.source is None else self.source.tracks.get(ODOMETRY), self.track
+        if odometry is None or track is None:
+            return None
+        is_own = np.array_equal(odometry.stamps_us, track.stamps_us) and np.array_equal(odometry.poses, track.poses)
+        return None if is_own else odometry
 
     def _find_shown(self, shown: Sweeps) -> Trajectory | None:
         """Returns the trajectory that placed the points `shown`; None if they have no trajectory."""

@@ -102,6 +102,17 @@ def test_a_jump_is_found_where_it_is_and_measured(noise_m: float) -> None:
     assert finding.status is VerdictStatus.WARN and "jumps at 19.8 s by " in finding.reason
 
 
+@pytest.mark.parametrize(("steps", "is_shared"), [([80], True), ([80, 120], True), ([120], False), ([], False)])
+def test_it_is_said_if_odometry_jumps_where_the_trajectory_does(steps: list[int], is_shared: bool) -> None:
+    given, odometry = track(), driven(TIMES)
+    given.poses[80:, :2] += [3.0, 4.0]
+    for step in steps:
+        odometry[step:, :2] += 4.0
+    (finding,) = judge_track(given, TIMES, REVOLUTION_S, CONFIG.audit, odometry)
+    assert finding.reason.endswith("; the odometry jumps there, too") is is_shared
+    assert finding.explanation == finding.reason
+
+
 def test_a_pose_that_is_wrong_alone_is_a_jump_there_and_one_back() -> None:
     given = track()
     given.poses[80, :2] += 4.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -123,3 +124,18 @@ def test_a_trajectory_of_another_scale_than_the_recordings_odometry_is_a_warning
     assert found["right"][0] == "pass" and "odometry does not contradict" in found["right"][1]
     assert found["long"][0] == "warn" and "1.25 times as fast as the recording's odometry" in found["long"][1]
     assert "the recording's odometry" not in found["own"][1]  # which wheels' slip and the gyroscope contradict
+
+
+@pytest.mark.slow
+def test_of_a_jump_that_odometry_makes_too_a_run_and_an_audit_say_so(street: Path, quick: Path, tmp_path: Path) -> None:
+    drive = shutil.copytree(street, tmp_path / "drive")
+    rows = (drive / "odom.csv").read_text().splitlines()
+    stamp, speed, turn = rows[len(rows) // 4].split(",")
+    rows[len(rows) // 4] = f"{stamp},{float(speed) + 200.0},{turn}"
+    (drive / "odom.csv").write_text("\n".join(rows) + "\n")
+    words = (drive, "--config", quick, "--end", 6, "--jobs", 1, "--quiet")
+    assert mqslam("run", *words, "--frontend", "odometry", "--out", tmp_path / "run").code == 0
+    assert mqslam("audit", *words, "--trajectory", tmp_path / "run", "--out", tmp_path / "audit").code == 0
+    for file in (tmp_path / "run" / "summary.json", tmp_path / "audit" / "audit.json"):
+        reasons = json.loads(file.read_text())["tests"]["trajectory"]["reasons"]
+        assert any("no vehicle moves like that; the odometry jumps there, too" in reason for reason in reasons), reasons
