@@ -19,9 +19,7 @@ R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
 _VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of arrays by names of fields
-_STATUSES = tuple(Status)
-_DOPPLER = ("doppler_beta", "doppler_sigma")
-_COUNTS = ("tried", "ambiguous", "implausible", "unsure", "alike")  # fields of a search for loops that are counts
+_LISTED: dict[str, type[Any]] = {"measurements": Measurement, "loops": Loop, "ties": Loop}  # fields that are lists
 
 
 @dataclass(frozen=True)
@@ -68,43 +66,28 @@ def _unpack_detected(arrays: Arrays) -> Detected:
     return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()), velocities=velocities)
 
 
-def _pack_measured(measured: Measured) -> Arrays:
-    """Converts all measured motions and the Doppler shift to arrays, one per field of `Measurement` and two more."""
-    doppler: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
-    statuses = np.array([_STATUSES.index(motion.status) for motion in measured.measurements], dtype=np.uint8)
-    return doppler | _stack(Measurement, measured.measurements) | {"status": statuses}
+def _pack(result: object) -> Arrays:
+    """Converts a dataclass of numbers and of lists of measurements or loops to arrays; None becomes NaN."""
+    arrays: Arrays = {}
+    for name in _list_fields(type(result)):
+        value = getattr(result, name)
+        if name in _LISTED:
+            arrays |= {f"{name}.{key}": column for key, column in _stack(_LISTED[name], value).items()}
+        else:
+            arrays[name] = np.array(np.nan if value is None else value)
+    return arrays
 
 
-def _unpack_measured(arrays: Arrays) -> Measured:
-    """Restores the measured motions and the Doppler shift from the arrays of `_pack_measured`."""
-    statuses = np.array(_STATUSES, dtype=object)[arrays["status"]]
-    motions = _split(Measurement, arrays | {"status": statuses})
-    return Measured(motions, *(float(arrays[name]) for name in _DOPPLER))
-
-
-def _pack_loops(search: LoopSearch) -> Arrays:
-    """Converts the result of a search for loops to arrays: its counts, and the loops, one array per field."""
-    counts: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
-    return counts | _stack(Loop, search.loops)
-
-
-def _unpack_loops(arrays: Arrays) -> LoopSearch:
-    """Restores the result of a search for loops from the arrays of `_pack_loops`."""
-    return LoopSearch(_split(Loop, arrays), *(int(arrays[name]) for name in _COUNTS))
-
-
-def _pack_refined(refined: Refined) -> Arrays:
-    """Converts a refinement to arrays: loops followed by ties, the number of loops, three values of psi, and `refused`."""
-    psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
-    own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
-    return own | _stack(Loop, [*refined.loops, *refined.ties])
-
-
-def _unpack_refined(arrays: Arrays) -> Refined:
-    """Restores a refinement from the arrays of `_pack_refined`."""
-    loops, staying = _split(Loop, arrays), int(arrays["staying"])
-    before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
-    return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
+def _unpack(kind: type[R], arrays: Arrays) -> R:
+    """Restores a dataclass from the arrays of `_pack`."""
+    values: list[Any] = []
+    for name in _list_fields(kind):
+        if name in _LISTED:
+            values.append(_split(_LISTED[name], arrays, f"{name}."))
+        else:
+            number = arrays[name].item()
+            values.append(None if number != number else number)
+    return kind(*values)
 
 
 def _stack(kind: type, results: Sequence[object]) -> Arrays:
@@ -112,11 +95,13 @@ def _stack(kind: type, results: Sequence[object]) -> Arrays:
     return {name: np.array([getattr(result, name) for result in results]) for name in _list_fields(kind)}
 
 
-def _split(kind: type[R], arrays: Arrays) -> list[R]:
-    """Restores results of a dataclass from the arrays of `_stack`."""
-    named = (arrays[name] for name in _list_fields(kind))
-    columns = (array if array.ndim > 1 else array.tolist() for array in named)
-    return [kind(*row) for row in zip(*columns, strict=True)]
+def _split(kind: type[R], arrays: Arrays, prefix: str = "") -> list[R]:
+    """Restores results of a dataclass from the arrays of `_stack`, whose names in `arrays` begin with a prefix."""
+    named = {name: arrays[f"{prefix}{name}"] for name in _list_fields(kind)}
+    columns = {name: array if array.ndim > 1 else array.tolist() for name, array in named.items()}
+    if "status" in columns:
+        columns["status"] = [Status(word) for word in columns["status"]]
+    return [kind(*row) for row in zip(*columns.values(), strict=True)]
 
 
 def _list_fields(kind: type) -> list[str]:
@@ -124,7 +109,7 @@ def _list_fields(kind: type) -> list[str]:
     return [f.name for f in fields(kind)]
 
 
-MEASURED = Kept("measurements.npz", _pack_measured, _unpack_measured)
+MEASURED = Kept[Measured]("measurements.npz", _pack, partial(_unpack, Measured))
 ALONG = Kept[list[Loop]]("along.npz", partial(_stack, Loop), partial(_split, Loop))
-LOOPS = Kept("loops.npz", _pack_loops, _unpack_loops)
-REFINED = Kept("refinement.npz", _pack_refined, _unpack_refined)
+LOOPS = Kept[LoopSearch]("loops.npz", _pack, partial(_unpack, LoopSearch))
+REFINED = Kept[Refined]("refinement.npz", _pack, partial(_unpack, Refined))
