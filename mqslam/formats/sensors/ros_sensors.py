@@ -6,7 +6,7 @@ If a topic of fixes is named like ground truth (`bags.is_truth`), the recording'
 from __future__ import annotations
 
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,25 +37,6 @@ _NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set th
 
 
 @dataclass(slots=True)
-class _Rows:
-    """The stamps [us] and three values (see `RosSensors.rows`) of the messages on a topic, and the count of damaged ones."""
-
-    stamps: array[int] = field(default_factory=lambda: array("q"))
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    unread: int = 0
-
-    def add(self, stamp_us: int, *numbers: float) -> None:
-        """Adds the stamp [us] and the three numbers of a message."""
-        self.numbers.extend([float(number) for number in numbers])
-        self.stamps.append(stamp_us)
-
-    def to_table(self) -> SensorTable:
-        """Returns the stamps and numbers as a table with three columns."""
-        columns = np.array(self.numbers, dtype=np.float64).reshape(-1, 3)
-        return SensorTable(np.array(self.stamps, dtype=np.int64), columns, self.unread)
-
-
-@dataclass(slots=True)
 class RosSensors:
     """The messages of a bag's sensors, which `add` collects one by one.
 
@@ -64,8 +45,9 @@ class RosSensors:
         fix_topic: topic of the GNSS receiver, or None.
         others: further topics of gyroscopes and GNSS receivers, which are not read.
         transform_topics: topics of transforms; only transforms that never change are used.
-        rows: by topic, turn rates about x, y, z [rad/s], or latitude, longitude [degrees] and standard deviation [m],
-            which is NaN if the message does not state it.
+        rows: by topic, four numbers per message: its stamp [us], followed by turn rates about x, y, z [rad/s], or by
+            latitude, longitude [degrees] and standard deviation [m], which is NaN if the message does not state it.
+        unread: by topic, the number of damaged messages.
         imu_frame: name of the gyroscope's frame; "" until a message names the frame.
         unfixed: number of GNSS messages without a fix.
         unstated: number of GNSS messages that do not state whether they have a fix.
@@ -77,7 +59,8 @@ class RosSensors:
     fix_topic: str | None
     others: tuple[str, ...]
     transform_topics: tuple[str, ...] = ()
-    rows: defaultdict[str, _Rows] = field(default_factory=lambda: defaultdict(_Rows))
+    rows: defaultdict[str, array[float]] = field(default_factory=lambda: defaultdict(lambda: array("d")))
+    unread: Counter[str] = field(default_factory=Counter)
     imu_frame: str = ""
     unfixed: int = 0
     unstated: int = 0
@@ -109,7 +92,7 @@ class RosSensors:
             add_row = self._add_rates if topic == self.imu_topic else self._add_place
             add_row(topic, message, self.clock.stamp(topic, message, logged_ns))
         except (ValueError, OverflowError, AttributeError):
-            self.rows[connection.topic].unread += 1
+            self.unread[connection.topic] += 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
         """Returns the gyroscope, in the vehicle's axes if transforms lead to the vehicle; None if the bag has no gyroscope.
@@ -119,7 +102,7 @@ class RosSensors:
         """
         if self.imu_topic is None:
             return None
-        table = self.rows[self.imu_topic].to_table()
+        table = self._to_table(self.imu_topic)
         placed = self.mounts.place(self.imu_frame)
         if placed is None:
             note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
@@ -137,9 +120,9 @@ class RosSensors:
         Raises:
             DataError: no message can be used.
         """
-        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.rows[self.fix_topic].stamps):
+        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.rows[self.fix_topic]):
             return None
-        table = self.rows[self.fix_topic].to_table()
+        table = self._to_table(self.fix_topic)
         return make_fixes(path, table, source=self.fix_topic, made_truth=bags.is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
@@ -152,7 +135,7 @@ class RosSensors:
         topic = self.mounts.find_topic(radar_frame)
         pose = self.mounts.find(radar_frame) if topic else None
         if pose is None:
-            if damaged := self.rows[STATIC_TOPIC].unread:
+            if damaged := self.unread[STATIC_TOPIC]:
                 raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
         if not np.isfinite(pose).all():
@@ -172,12 +155,17 @@ class RosSensors:
             notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")
         return notes + self.clock.notes
 
+    def _to_table(self, topic: str) -> SensorTable:
+        """Returns the stamps and the three values of the messages on a topic."""
+        rows = np.array(self.rows[topic]).reshape(-1, 4)
+        return SensorTable(rows[:, 0].astype(np.int64), rows[:, 1:], self.unread[topic])
+
     def _add_rates(self, topic: str, message: Any, stamp_us: int) -> None:
         """Adds the turn rates of an Imu message; raises ValueError if the message states no rates."""
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:
             raise ValueError("states no rates")
         rate = message.angular_velocity
-        self.rows[topic].add(stamp_us, rate.x, rate.y, rate.z)
+        self.rows[topic].extend([stamp_us, rate.x, rate.y, rate.z])
         self.imu_frame = message.header.frame_id
 
     def _add_place(self, topic: str, message: Any, stamp_us: int) -> None:
@@ -190,7 +178,7 @@ class RosSensors:
         known = message.position_covariance_type != 0
         variance = float(message.position_covariance[0] + message.position_covariance[4]) / 2.0 if known else np.nan
         sigma = float(np.sqrt(variance)) if variance > 0.0 else np.nan
-        self.rows[topic].add(stamp_us, message.latitude, message.longitude, sigma)
+        self.rows[topic].extend([stamp_us, message.latitude, message.longitude, sigma])
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
