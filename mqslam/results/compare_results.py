@@ -23,7 +23,7 @@ from mqslam.errors import show
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.files import format_csv, summarise_size
+from mqslam.results.files import format_csv, format_log, list_notes, summarise_size
 from mqslam.results.run_results import format_measurements, write_marginals
 from mqslam.results.run_verdict import warn_of_lost
 from mqslam.version import __version__
@@ -242,13 +242,17 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
     Raises:
         OutputError: a file cannot be written.
     """
+    recording = comparison.recording
     for row in comparison.rows:
         if row.trajectory is not None:
-            _write_row(folder / row.name, row, comparison.recording)
+            _write_row(folder / row.name, row, recording)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
     write_text(folder / "compare.csv", format_csv(summary["rows"]))
     write_text(folder / "compare.md", format_markdown(*tabulate(summary)))
     write_text(folder / "compare.tex", format_latex(*tabulate(summary)))
+    title = f"mqslam {summary['mqslam_version']}: comparison on {recording.path} ({recording.format})"
+    ends = [summary["best"]["sentence"]] if summary["best"] else []
+    write_text(folder / "run.log", format_log(title, [*list_notes(summary, recording.notes), *ends]))
     write_json(folder / "compare.json", summary)
 
 

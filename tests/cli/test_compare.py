@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -68,11 +69,23 @@ def test_every_row_is_there_with_its_files(compared: Path) -> None:
     assert 0.1 < rows["psi"]["nees_per_degree"] < 5.0 and rows["truth"]["nees_per_degree"] is None
     assert rows["psi"]["inflation"] < rows["odometry"]["inflation"]
     assert rows["psi"]["ms_per_revolution"] > 0.0 and rows["truth"]["ms_per_revolution"] is None
-    names = {"compare.json", "compare.csv", "compare.md", "compare.tex", "report.html", "overlay.png", "config.yaml", *rows}
-    assert {path.name for path in compared.iterdir()} == names
+    names = {"compare.json", "compare.csv", "compare.md", "compare.tex", "report.html", "overlay.png", "config.yaml"}
+    assert {path.name for path in compared.iterdir()} == {*names, "run.log", *rows}
     table = list(csv.DictReader((compared / "compare.csv").read_text().splitlines()))
     assert [row["name"] for row in table] == list(rows)
     assert float(table[0]["psi_per_point"]) == pytest.approx(rows["psi"]["psi_per_point"])
+
+
+def test_diff_lists_the_options_in_which_two_comparisons_differ(compared: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(compared, tmp_path / "other")
+    log = (other / "run.log").read_text()
+    assert log.splitlines()[-1] == json.loads((compared / "compare.json").read_text())["best"]["sentence"]
+    (other / "run.log").write_text(log.replace("--odometry-only", "--end 4 --trajectory mine=mine.tum"))
+    options = json.loads(mqslam("diff", compared, other, "--json").out)["options"]
+    truth = next(word for word in log.split() if word.startswith("truth="))
+    trajectories = [[truth], [truth, "mine=mine.tum"]]
+    assert options == {"odometry_only": [True, None], "end": [None, "4"], "trajectory": trajectories}
+    assert "odometry_only  true -> not given\n" in mqslam("diff", compared, other).out
 
 
 def test_evo_reads_the_trajectories_and_finds_the_same_errors(compared: Path, street: Path) -> None:
