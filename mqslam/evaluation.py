@@ -16,6 +16,8 @@ from mqslam.core.trajectory import Trajectory
 # KITTI's definition of drift; a segment begins at every fourth pose, which is about once per second for a radar
 _SEGMENT_LENGTHS_M: Final = np.arange(100.0, 801.0, 100.0)
 _SEGMENT_START_STEP: Final = 4
+NO_DRIFT: Final = f"not measured, because ground truth covers less than {_SEGMENT_LENGTHS_M[0]:g} m of the path"
+"""Says why an `Evaluation` has no drift."""
 SLACK_US: Final = 2_000
 """Tolerance at both ends of a span [us], since another program may have rounded the stamps to milliseconds."""
 

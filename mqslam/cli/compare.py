@@ -55,9 +55,11 @@ def compare(terminal: Terminal, *, trajectory: list[str] | None, **given: Any) -
     terminal.print_results(result.summary, lambda: print_compared(terminal, result))
 
 
-def print_compared(_: Terminal, result: CompareResult) -> None:
+def print_compared(terminal: Terminal, result: CompareResult) -> None:
     """Prints the results of a comparison as text for people."""
-    _print_table(result.table, result.marked)
+    failures = sum(row["failure"] is not None for row in result.summary["rows"])
+    terminal.print_warnings(result.warnings[failures:])  # the failures, which come first, stand below the table
+    _print_table(result)
     for row in result.summary["rows"]:
         if row.get("verdict") in ("warn", "fail"):
             echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
@@ -86,17 +88,15 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
     return files
 
 
-def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> None:
-    """Prints the table of a comparison transposed, so that it fits any terminal, and below it why some rows failed.
-
-    Args:
-        cells: the lines of the table, each with the name of its row first; the line of column heads comes first.
-        marked: the best values, as (index of the line in `cells`, index of the column).
-    """
+def _print_table(result: CompareResult) -> None:
+    """Prints the table of a comparison transposed, so that it fits any terminal, and below it notes and failures of rows."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
+    from mqslam.results.compare_results import explain_table
+
+    cells, marked = result.table, result.marked
     console = Console(markup=False, highlight=False)
     failed = [line for line in cells[1:] if line[1].startswith("failed: ")]
     ran = {k: line for k, line in enumerate(cells[1:], 1) if line not in failed}
@@ -111,8 +111,7 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         )
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
-    if marked:
-        legend = "* is the best value; ↓ less is better, ↑ more is better, → 1 a smaller factor from 1 is better"
-        echo(legend.translate(arrows))
+    for note in explain_table(result.summary, marked, "*"):
+        echo(note.translate(arrows))
     for line in failed:
         echo(name_options(f"{line[0]} {line[1]}"))

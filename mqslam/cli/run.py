@@ -106,6 +106,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     from rich.text import Text
 
     from mqslam.core.wording import describe_last_pose, describe_left_out
+    from mqslam.evaluation import NO_DRIFT
 
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("")
@@ -132,6 +133,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
             if after[key] is not None:
                 numbers = (_format(errors[key], "{:.4g}") for errors in (before, after))
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
+    unknown = [("drift", NO_DRIFT)] if after and after["drift_percent"] is None else []
     dataset, runtime = summary["dataset"], summary["runtime_s"]
     table.caption = Text(
         f"{dataset['revolutions']} scans{describe_left_out(dataset)}, "
@@ -139,7 +141,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
         f"computed in {runtime['total']:.1f} s, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(
             f"{name}: {text}"
-            for name, text in [*format_verdict(summary), ("last pose", describe_last_pose(summary["last_pose"]))]
+            for name, text in [*unknown, *format_verdict(summary), ("last pose", describe_last_pose(summary["last_pose"]))]
         )
     )
     table.caption_justify = "left"

@@ -150,8 +150,6 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 write_compare(folder, comparison, summary)
                 failed = write_compare_page(folder, comparison, summary, table, marked)
                 add_warnings(folder / "compare.json", summary, failed)
-        for warning in summary["warnings"][sum(row.failure is not None for row in comparison.rows) :]:
-            work.tell(warning)
         return CompareResult(out, summary, table, marked)
 
 

@@ -102,7 +102,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
         return None
     left = list(rows)
     ties: list[_Tie] = []
-    for criterion, measure in _CRITERIA.items():
+    for criterion, measure in CRITERIA.items():
         known = [figure for row in left if (figure := measure(row)) is not None]
         if len(known) < len(left):
             continue
@@ -147,13 +147,14 @@ def _state_verdict(name: str, verdict: VerdictStatus) -> _Figure | None:
     return _Figure(name, value, value, value, str(verdict))
 
 
-_CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
+CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
     "drift": lambda row: _state_error(row.name, row.drift_percent, "%"),
     "ATE": lambda row: _state_error(row.name, row.ate_rmse_m, "m"),
     "share of torn windows": lambda row: _state_share(row.name, row.windows),
     "share of torn revisits": lambda row: _state_share(row.name, row.revisits),
     "verdict": lambda row: _state_verdict(row.name, row.verdict),
 }
+"""The criteria that rank rows, the first to decide first; each states the figure of a row, or None if it is not known."""
 
 
 def _explain_verdicts(rows: Sequence[Standing]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from mqslam.auditing.sweeps import find_covered
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.refinement import SAMPLE_M, find_crossings, measure_psi_across
@@ -42,6 +43,7 @@ class Comparison:
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
         psi_across: psi per point across passes, by the rows' names, at the places that the best row passes twice.
+        covered: number of scans that the trajectory of each row covers, by the rows' names.
         compared: number of scans that every row covers, on which the rows are judged.
         places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
         stations: places spread evenly over time. The crops at these places come next in `JudgedRow.crops`.
@@ -56,6 +58,7 @@ class Comparison:
     judged: dict[str, JudgedRow]
     best: Best | None
     psi_across: dict[str, float]
+    covered: dict[str, int]
     compared: int
     places: tuple[Place, ...]
     stations: tuple[Place, ...]
@@ -91,7 +94,6 @@ def compare_rows(
         raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
     common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
-    shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on these scans only"
     places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None])
     stations = pick_stations(common)
     judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)
@@ -105,6 +107,7 @@ def compare_rows(
         judged=judged,
         best=best,
         psi_across=measure_rows_across(judged, best, common, settings, beam, engine),
+        covered={row.name: len(find_covered(scans, row.trajectory)) for row in ran if row.trajectory is not None},
         compared=len(common),
         places=tuple(places),
         stations=tuple(stations),
@@ -112,7 +115,6 @@ def compare_rows(
         warnings=(
             *(f"{row.name} failed: {row.failure}" for row in shown if row.failure is not None),
             *warnings,
-            *([shared] if len(common) < len(scans) else []),
             *(f"{row.name}: {warning}" for row in shown for warning in row.warnings),
         ),
     )

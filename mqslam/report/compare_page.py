@@ -13,14 +13,14 @@ from scipy.ndimage import median_filter
 from mqslam.auditing.table import TESTS, apply_tolerance
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.comparison.best import Standing, find_best
+from mqslam.comparison.best import CRITERIA, Standing, find_best
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.config import dump_yaml
 from mqslam.core import se2
 from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import list_reasons
+from mqslam.core.wording import join_words, list_reasons
 from mqslam.errors import tolerate
 from mqslam.evaluation import Evaluation, align_positions
 from mqslam.execution.files import write_bytes
@@ -44,6 +44,7 @@ from mqslam.report.canvas import (
 from mqslam.report.explorer import LEAST_M, LEVELS, Layer, explore, trace_inflation, values_of
 from mqslam.report.page import Cell, Explorer, Figure, Page, Section, Table
 from mqslam.report.words import ABSENT, format_length, list_facts, list_values, part_of
+from mqslam.results.compare_results import explain_table
 
 # the looks of the page; no result depends on them
 _COLOURS: Final = ("#0b5fb0", "#d55e00", "#00886a", "#a8327e", "#7a5c00", "#3aa5dd")
@@ -87,7 +88,8 @@ def write_compare_page(
     )
     with tolerate("overlay.png", page.failures):
         write_bytes(folder / "overlay.png", draw_overlay(rows, recording.ground_truth))
-    page.add("the table", lambda: _tabulate_rows(comparison, table, marked))
+    notes = explain_table(summary, marked, "Bold and green")
+    page.add("the table", lambda: _tabulate_rows(comparison, table, marked, notes))
     page.add("where the rows differ", lambda: _show_difference(comparison))
     page.add_explorer(
         lambda: explore_comparison(comparison),
@@ -116,7 +118,9 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
     return ranks
 
 
-def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
+def _tabulate_rows(
+    comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any], notes: Sequence[str]
+) -> Section:
     """Returns the table of the rows with their ranks: the best row first, rows that failed last, with the reason.
 
     All cells but the ranks are the same as in the terminal's table.
@@ -125,6 +129,7 @@ def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marke
         comparison: the finished comparison.
         table: lines of the terminal's table, the head first.
         marked: line and column in `table` of each value that is the best of its column.
+        notes: what a reader of the table must know.
     """
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
@@ -139,10 +144,11 @@ def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marke
             cells[at] = VerdictStatus(values[at])
         rows.append((name, str(ranks[name]), *cells))
     judges = "without ground truth" if comparison.recording.ground_truth is None else "against ground truth and without it"
-    note = f"Every row is judged alike, {judges}. "
-    note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
-    ties = "Rows that cannot be told apart share a rank."
-    return Section("Rows", [note, ties], table=Table(("", "rank", *head), rows))
+    ranking = (
+        f"Every row is judged alike, {judges}. Rank 1 is the best row: {join_words(list(CRITERIA))} decide the ranks, in "
+        "this order, as far as they are known. Rows that cannot be told apart share a rank."
+    )
+    return Section("Rows", [ranking, *notes], table=Table(("", "rank", *head), rows))
 
 
 def _style_of(k: int) -> tuple[str, Any]:

@@ -19,7 +19,9 @@ from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
 from mqslam.core.measurement import Status
 from mqslam.core.recording import Recording
+from mqslam.core.wording import join_words
 from mqslam.errors import show
+from mqslam.evaluation import NO_DRIFT
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
@@ -91,7 +93,10 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
             *(f"{row.name}: {line}" for row in comparison.rows for line in warn_of_lost(row.measurements)),
         ],
         "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
-        "rows": [_list_row(row, judged.get(row.name), across.get(row.name), len(recording)) for row in comparison.rows],
+        "rows": [
+            _list_row(row, judged.get(row.name), across.get(row.name), comparison.covered.get(row.name, 0), len(recording))
+            for row in comparison.rows
+        ],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in comparison.agreement
@@ -100,10 +105,11 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
+def _list_row(row: Row, judged: JudgedRow | None, across: float | None, covered: int, scans: int) -> dict[str, Any]:
     """Returns the entry of compare.json on a row; for a row that was not judged (`judged` is None), its name and failure.
 
-    The psi across passes, `across`, is None if it is not known. `scans` is the number of scans in the recording.
+    The psi across passes, `across`, is None if it is not known. Of the `scans` scans in the recording, the row covers
+    `covered`.
     """
     if judged is None:
         return {"name": row.name, "failure": row.failure}
@@ -114,6 +120,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
     return {
         "name": row.name,
         "failure": None,
+        "scans": covered,
         "drift_percent": truth and truth.drift_percent,
         "drift_deg_per_100m": truth and truth.drift_deg_per_100m,
         "ate_rmse_m": truth and truth.ate_rmse_m,
@@ -179,14 +186,42 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
     return cells, frozenset((line, k) for k, column in enumerate(shown, 1) for line in _find_best_lines(column, rows))
 
 
-def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
-    """Returns a table as Markdown, with the best values, which are at the places `marked`, bold; see `tabulate`."""
+def explain_table(summary: Mapping[str, Any], marked: Collection[tuple[int, int]], mark: str) -> list[str]:
+    """Returns the notes that stand below the table of a comparison.
+
+    They say how the best values are marked, which rows do not cover all scans, and why there is no drift.
+
+    Args:
+        summary: content of compare.json.
+        marked: the places of the best values; see `tabulate`.
+        mark: how the best values are marked, such as `Bold`.
+    """
+    dataset, rows, notes = summary["dataset"], summary["rows"], []
+    if marked:
+        near = "→ 1 nearer to 1 is better (2 is as near as 0.5)"
+        notes.append(f"{mark} is the best value; ↓ less is better, ↑ more is better, {near}.")
+    short = [row for row in rows if row.get("scans", dataset["revolutions"]) < dataset["revolutions"]]
+    if short:
+        covered = join_words([f"{row['name']} covers {row['scans']}" for row in short])
+        judged = f"every row is judged on the {dataset['compared']} that all rows cover"
+        notes.append(f"Of {dataset['revolutions']} scans, {covered}; {judged}.")
+    if {row["drift_percent"] for row in rows if row.get("ate_rmse_m") is not None} == {None}:
+        notes.append(f"Drift is {NO_DRIFT}.")
+    return notes
+
+
+def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]], notes: Sequence[str] = ()) -> str:
+    """Returns a table as Markdown, with the best values, which are at the places `marked`, bold; see `tabulate`.
+
+    A list of the `notes` stands below the table.
+    """
     lines = []
     for k, line in enumerate(cells):
         words = [text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ") for text in line]
         lines.append("| " + " | ".join(f"**{text}**" if (k, j) in marked else text for j, text in enumerate(words)) + " |")
     lines.insert(1, "|---|" + "---:|" * (len(cells[0]) - 1))
-    return "\n".join(lines) + "\n"
+    below = [f"- {note}" for note in notes]
+    return "\n".join([*lines, *([""] if below else []), *below]) + "\n"
 
 
 _LATEX: Final = str.maketrans(
@@ -196,14 +231,15 @@ _LATEX: Final = str.maketrans(
 )
 
 
-def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
+def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]], notes: Sequence[str] = ()) -> str:
     """Returns a table as LaTeX for the package booktabs, with a column for each row of the comparison and best values bold.
 
-    Rows that failed have no column; comments below the table name them.
+    Rows that failed have no column; comments below the table name them, and hold the notes.
 
     Args:
         cells: the lines of the table, its head first, as `tabulate` returns them.
         marked: (line, column) of the best values.
+        notes: what a reader of the table must know.
     """
     ran = [k for k, line in enumerate(cells) if not line[1].startswith("failed: ")]
     lines = [rf"\begin{{tabular}}{{l{'r' * (len(ran) - 1)}}}", r"\toprule"]
@@ -212,7 +248,7 @@ def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, i
         bold = (rf"\textbf{{{text}}}" if (k, j) in marked else text for k, text in zip(ran, words, strict=True))
         lines += [" & ".join(bold) + r" \\", *([r"\midrule"] if j == 0 else [])]
     failed = [line[0] + " " + line[1] for k, line in enumerate(cells) if k not in ran]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *(f"% {show(line)}" for line in failed)]) + "\n"
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *(f"% {show(line)}" for line in (*failed, *notes))]) + "\n"
 
 
 def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -248,8 +284,10 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
             _write_row(folder / row.name, row, recording)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
     write_text(folder / "compare.csv", format_csv(summary["rows"]))
-    write_text(folder / "compare.md", format_markdown(*tabulate(summary)))
-    write_text(folder / "compare.tex", format_latex(*tabulate(summary)))
+    cells, marked = tabulate(summary)
+    notes = explain_table(summary, marked, "Bold")
+    write_text(folder / "compare.md", format_markdown(cells, marked, notes))
+    write_text(folder / "compare.tex", format_latex(cells, marked, notes))
     title = f"mqslam {summary['mqslam_version']}: comparison on {recording.path} ({recording.format})"
     ends = [summary["best"]["sentence"]] if summary["best"] else []
     write_text(folder / "run.log", format_log(title, [*list_notes(summary, recording.notes), *ends]))

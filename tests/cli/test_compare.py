@@ -139,6 +139,22 @@ def test_the_last_line_names_the_best_row_and_the_table_marks_the_best_values(
     assert "odometry" not in best["sentence"] and any(line.startswith("odometry failed") for line in lines)
 
 
+def test_a_trajectory_that_lacks_scans_is_named_below_the_tables(street: Path, quick: Path, tmp_path: Path) -> None:
+    out, part = tmp_path / "out", tmp_path / "part.tum"
+    part.write_text("".join((street / "gt" / "poses_tum.txt").read_text().splitlines(keepends=True)[:-5]))
+    rows = ("--frontends", "odometry", "--trajectory", f"part={part}")
+    result = mqslam("compare", street, "--out", out, *rows, "--config", quick, *OPTIONS[:1])
+    summary = json.loads((out / "compare.json").read_text())
+    scans, compared = (summary["dataset"][name] for name in ("revolutions", "compared"))
+    assert [row["scans"] for row in summary["rows"]] == [scans, compared] and compared < scans
+    note = f"Of {scans} scans, part covers {compared}; every row is judged on the {compared} that all rows cover.\n"
+    assert note in result.out and f"- {note}" in (out / "compare.md").read_text()
+    assert f"% {note}" in (out / "compare.tex").read_text()
+    summary["warnings"].append("a warning for everybody")
+    (out / "compare.json").write_text(json.dumps(summary))
+    assert mqslam("show", out).err == "warning: a warning for everybody\n"
+
+
 def test_one_row_ends_without_a_winner(street: Path, quick: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = mqslam("compare", street, "--out", out, "--frontends", "odometry", "--config", quick, "--odometry-only")

@@ -28,14 +28,14 @@ def test_verbose_says_what_each_stage_found_and_took(street: Path, quick: Path, 
     assert silent.err == "" and silent.out == ""
 
 
-@pytest.mark.parametrize(("across", "shown"), [(0.25, True), (None, False)])
-def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: float | None, shown: bool) -> None:
+def print_summary(across: float | None = None, errors: dict[str, float | None] | None = None) -> list[str]:
+    """Returns the lines of a run's table, given psi across passes and the errors against ground truth."""
     psi = {f"{name}_{which}": 0.5 for name in ("per_point", "matched") for which in ("odometry", "optimised")}
     summary = {
         "before": "odometry",
         "psi": {**psi, "across_passes_odometry": across and 2.0 * across, "across_passes_optimised": across},
-        "evaluation": None,
-        "evaluation_odometry": None,
+        "evaluation": errors,
+        "evaluation_odometry": errors,
         "dataset": {"revolutions": 9, "duration_s": 2.0, "length_m": 8.0},
         "runtime_s": {"total": 1.0},
         "verdict": {"status": "pass", "diagnosis": "fine", "reasons": ["fine"]},
@@ -43,9 +43,22 @@ def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: flo
         "last_pose": None,
     }
     lines = io.StringIO()
-    Console(file=lines, width=120).print(tabulate_summary(summary))
-    rows = [line.split("│") for line in lines.getvalue().splitlines() if "across passes" in line]
+    Console(file=lines, width=120, soft_wrap=True).print(tabulate_summary(summary))
+    return [line.rstrip() for line in lines.getvalue().splitlines()]
+
+
+@pytest.mark.parametrize(("across", "shown"), [(0.25, True), (None, False)])
+def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: float | None, shown: bool) -> None:
+    rows = [line.split("│") for line in print_summary(across) if "across passes" in line]
     assert [[cell.strip() for cell in row] for row in rows] == [["psi per point across passes", "0.5000", "0.2500"]] * shown
+
+
+@pytest.mark.parametrize("drift", [None, 0.2])
+def test_a_run_says_why_there_is_no_drift(drift: float | None) -> None:
+    errors = dict.fromkeys(("ate_rmse_m", "drift_deg_per_100m", "rpe_v_rms", "rpe_w_rms"), 0.1) | {"drift_percent": drift}
+    reason = "drift: not measured, because ground truth covers less than 100 m of the path"
+    assert (reason in print_summary(errors=errors)) == (drift is None)
+    assert reason not in print_summary()
 
 
 @pytest.mark.parametrize(
@@ -74,7 +87,7 @@ def show_stages(updates: list[tuple[float, str, int, int]]) -> list[str]:
     with show_progress(Console(file=lines, width=200, get_time=lambda: now[0]), quiet=False) as show:
         for now[0], stage, done, total in updates:
             show(stage, done, total)
-    return lines.getvalue().splitlines()
+    return [line.rstrip() for line in lines.getvalue().splitlines()]
 
 
 def test_progress_says_how_long_a_place_takes_and_the_time_that_is_left() -> None:

@@ -49,6 +49,14 @@ def test_the_table_is_the_terminals_with_ranks(pages: dict[str, Path]) -> None:
     assert 'colspan="4">failed</td>' in (pages["compare"] / "report.html").read_text(encoding="utf-8")
 
 
+def test_notes_explain_the_ranks_the_marks_and_which_row_lacks_scans(pages: dict[str, Path]) -> None:
+    text = text_of(pages["compare"])
+    criteria = "drift, ATE, share of torn windows, share of torn revisits and verdict decide the ranks, in this order"
+    assert f"Rank 1 is the best row: {criteria}, as far as they are known." in text
+    assert "Bold and green is the best value; ↓ less is better" in text
+    assert "Of 60 scans, _kiss_$icp$ <icp> covers 50; every row is judged on the 50 that all rows cover." in text
+
+
 def test_the_best_values_are_marked_and_no_others(pages: dict[str, Path]) -> None:
     text = (pages["compare"] / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'<td class="best" [^>]*>(.*?)</td>', text) == ["0.5", "2.4", "9"]
@@ -134,7 +142,7 @@ def test_the_overlay_is_opaque_by_itself_and_transparent_in_a_page() -> None:
 
 def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path) -> None:
     alone = a_comparison(ROWS[:1], rows=(ROWS[0].row,), places=(), agreement=())
-    assert write_comparison(tmp_path, alone, {"best": None}) == []
+    assert write_comparison(tmp_path, alone, {"best": None, "dataset": {}, "rows": []}) == []
     page = page_of(tmp_path / "report.html")
     assert set(page.images) == {"Trajectories"}
     assert set(page.drawings) == {"Inflation of the windows", "Offset of the revisits"}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from mqslam.results.compare_results import format_latex, format_markdown, tabulate
+from mqslam.results.compare_results import explain_table, format_latex, format_markdown, tabulate
 
 
 def summary(*rows: dict[str, Any]) -> dict[str, Any]:
-    return {"rows": [{"failure": None, **row} for row in rows]}
+    return {"rows": [{"failure": None, **row} for row in rows], "dataset": {"revolutions": 20, "compared": 13}}
 
 
 def marked(*rows: dict[str, Any]) -> dict[str, list[str]]:
@@ -82,7 +82,22 @@ def test_the_table_is_markdown_and_latex_with_the_best_values_bold() -> None:
     assert lines[0].startswith("|  | drift [%] ↓ | matched ↑ | verdict |") and lines[1] == "|---|---:|---:|---:|"
     assert lines[2] == "| my_row | **0.200** | **80.0%** | pass |"
     assert lines[3] == r"| b\|c | 0.300 | **80.0%** |  |" and len({line.count(" | ") for line in lines[2:]}) == 1
+    assert format_markdown(cells, best, ["One.", "Two."]).splitlines()[len(lines) :] == ["", "- One.", "- Two."]
     text = format_latex(cells, best)
     assert text.startswith("\\begin{tabular}{lrr}\n\\toprule\n & my\\_row & b|c \\\\\n\\midrule\n")
     assert "drift [\\%] $\\downarrow$ & \\textbf{0.200} & 0.300 \\\\" in text
     assert text.endswith("\\bottomrule\n\\end{tabular}\n% x failed: 50 % off\n")
+    assert format_latex(cells, best, ["One."]) == text + "% One.\n"
+
+
+def test_notes_say_how_the_best_are_marked_which_rows_lack_scans_and_why_there_is_no_drift() -> None:
+    rows = [full_row("a", 0.2, 0.7), full_row("b", 0.3, 0.8)]
+    legend = "Bold is the best value; ↓ less is better, ↑ more is better, → 1 nearer to 1 is better (2 is as near as 0.5)."
+    assert explain_table(summary(*rows), frozenset({(1, 1)}), "Bold") == [legend]
+    assert explain_table(summary(*rows), frozenset(), "Bold") == []
+    short = [row | {"scans": scans} for row, scans in zip((*rows, full_row("c", 0.4, 0.9)), (14, 20, 15), strict=True)]
+    (covered,) = explain_table(summary(*short, {"name": "x", "failure": "50 % off"}), frozenset(), "Bold")
+    assert covered == "Of 20 scans, a covers 14 and c covers 15; every row is judged on the 13 that all rows cover."
+    unknown = [row | {"drift_percent": None, "ate_rmse_m": 0.1} for row in rows]
+    (drift,) = explain_table(summary(*unknown), frozenset(), "Bold")
+    assert drift == "Drift is not measured, because ground truth covers less than 100 m of the path."

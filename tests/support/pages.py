@@ -74,7 +74,8 @@ AUDIT_SUMMARY: dict[str, Any] = {
 }
 COMPARE_SUMMARY: dict[str, Any] = {
     "mqslam_version": "9.8.7",
-    "dataset": {"format": "mulran", "path": "/data/<run>"},
+    "dataset": {"format": "mulran", "path": "/data/<run>", "revolutions": 60, "compared": 50},
+    "rows": [{"name": "psi", "scans": 60}, {"name": "_kiss_$icp$ <icp>", "scans": 50}],
     "best": {"rows": ["psi"], "decided_by": "drift", "sentence": "psi is best, <b>and so on</b>."},
     "warnings": [HOSTILE],
 }
@@ -189,6 +190,7 @@ def a_comparison(shown_rows: tuple[JudgedRow, ...] = ROWS, truth: Trajectory | N
     rest: dict[str, Any] = {
         "best": None,
         "psi_across": {},
+        "covered": {},
         "compared": 60,
         "stations": (),
         "warnings": (),
