@@ -54,6 +54,7 @@ _SHARED = {
     "dataset.path": "path of the recording, as it was given",
     "dataset.duration_s": "duration [s]",
     "dataset.length_m": "length of the path [m]",
+    "dataset.points": "number of points of the map",
     "final_psi.over_best_of_windows": "psi within windows, divided by the least that the same returns can have there",
     "final_psi.over_best_of_passes": "the same across passes of one place; null where no place is passed twice",
     "steps.count": "number of places at which the scans after are laid on those before",
@@ -184,7 +185,6 @@ SUMMARY = _SHARED | {
 
 _AUDIT = _SHARED | {
     "dataset.sweeps": "number of scans, or of sweeps that a cloud was divided into",
-    "dataset.points": "number of points",
     "trajectory": "where the trajectory is from; null for a cloud without one",
     "extrinsics": "x, y [m] and yaw [degrees] of the sensor in the frame whose trajectory was given, or null",
     "notes": "how the data were understood",

@@ -207,7 +207,7 @@ def _find_other_returns(
     if chosen:
         return f"only one of the results states {', '.join(chosen)}: the other took it from the recording, or a default"
     a, b = (_describe_scans(result) for result in results)
-    if a != b:
+    if any(a[name] != b[name] for name in a if name in b):  # an earlier version stated fewer sizes
         return "the maps are of different scans"
     taken = [name for name in followed if _changes_psi(name)]
     return f"settings that follow from the recordings differ ({', '.join(taken)})" if taken else None
@@ -218,15 +218,15 @@ def _changes_psi(name: str) -> bool:
     return name.partition(".")[0] in _OF_RETURNS and name not in _NOT_OF_RETURNS
 
 
-def _describe_scans(result: Result) -> list[Any]:
-    """Returns values that differ between results of different scans, such as sizes, the number of points, and stamps."""
-    dataset, psi = (result.summary.get(name) or {} for name in ("dataset", "psi"))
-    per_point = psi.get("per_point_odometry")
-    points = round(psi["odometry"] / per_point) if per_point else None
-    merged = [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()]
+def _describe_scans(result: Result) -> Given:
+    """Returns values, by their names, that differ between results of different scans, such as sizes and stamps."""
+    dataset = result.summary.get("dataset") or {}
     track = result.folder / "trajectory.tum"
-    stamps_us = read_tum(track).stamps_us.tolist() if track.is_file() else None
-    return [*(dataset.get(name) for name in _SIZES), merged, points, stamps_us]
+    return {
+        **{name: dataset[name] for name in _SIZES if name in dataset},
+        "merged": [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()],
+        "stamps": read_tum(track).stamps_us.tolist() if track.is_file() else None,
+    }
 
 
 def _is_psi(name: str) -> bool:

@@ -84,6 +84,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "path": str(recording.path),
             **summarise_size(recording),
             "unread": len(run.unread),
+            "points": len(before),
             "length_m": recording.complete(run.optimised).length_m,
         },
         "psi": {

@@ -37,7 +37,7 @@ FILES = set(NAMES.split())
 PLACED = {"map.tif", "trajectory.geojson"}  # where GNSS places the map on the Earth
 KEYS = {
     "mqslam_version": None,
-    "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
+    "dataset": {"format", "path", "revolutions", "duration_s", "length_m", "points"},
     "psi": {
         f"{what}{when}" for what in ("", "per_point_", "across_passes_", "matched_") for when in ("odometry", "optimised")
     },
