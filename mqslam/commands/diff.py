@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from mqslam.commands.lidar_settings import sort_changes
 from mqslam.commands.result import Result, read_result
 from mqslam.config import load_config, read_tree
 from mqslam.core import se2
+from mqslam.core.sensors import USUAL_INPUTS, VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.evaluation import align_positions, pair_poses
@@ -39,6 +41,7 @@ _NOT_OF_RETURNS: Final = frozenset({_DOPPLER, "sensor.odometry_topic", "sensor.t
 _LENGTH_OF_BINS: Final = "range_resolution"  # the only option that changes the returns and is no setting
 _SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s")  # entries of `dataset`
 _DIGITS: Final = 6  # digits after the point of positions [m] in trajectory.tum
+_DEFAULTS: Final = {"frontend": "psi", **asdict(USUAL_INPUTS)}  # options of a run that is called without any
 _PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # names of entries of a summary that hold psi
 
 Given = Mapping[str, Any]
@@ -63,7 +66,7 @@ def diff_results(
         For other results, `options`, `settings`, `followed` and `figures` hold the names whose values differ, each with
         [first value, second value]; a value that a result lacks is None. `followed` holds the settings that differ only
         because the commands took them from the recordings. `options` is None if the options of a result are unknown, and
-        `options_not_known` says why; the options of two runs in folders of batches are known. `psi_not_compared` says why
+        `options_not_known` says why; the options of a run in the folder of a batch are known. `psi_not_compared` says why
         `figures` leaves psi out; it is None if psi can be compared. `trajectories` is None if the trajectories cannot be
         compared, and `trajectories_not_compared` says why.
 
@@ -117,7 +120,7 @@ def _compare_batches(first: Result, second: Result) -> dict[str, Any]:
             entries[name] = _list_changes(*({"data": row["data"]} if row else {} for row in (one, other)))
             continue
         known = [option for option in OPTIONS if option in one and option in other]  # an earlier version listed fewer
-        changes = _list_changes(*({option: row[option] for option in known} for row in (one, other)))
+        changes = _list_options(*({option: row[option] for option in known} for row in (one, other)))
         changes |= _list_settings([_read_run(batch.folder / name) for batch in (first, second)])[0]
         if changes:
             entries[name] = changes
@@ -135,17 +138,34 @@ def _compare_options(
     results: Sequence[Result], parse_options: Callable[[str], Given | str]
 ) -> tuple[dict[str, list[Any]] | None, str | None]:
     """Returns the entries `options` and `options_not_known` of `diff_results`."""
-    one, other = (_read_entry(result.folder) for result in results)
-    if one is not None and other is not None:
-        return _list_changes(one, other), None
-    known = []
-    for result in results:
-        given = parse_options(dict(read_origin(result.folder)).get("command", ""))
+    entries = [_read_entry(result.folder) for result in results]
+    known: list[Given] = []
+    for result, entry in zip(results, entries, strict=True):
+        given = parse_options(dict(read_origin(result.folder)).get("command", "")) if entry is None else entry
         if isinstance(given, str):
             log = result.folder / "run.log"
             return None, f"run.log of {result.folder} {given}" if log.is_file() else f"{result.folder} holds no run.log"
         known.append(given)
-    return _list_changes(*known), None
+    of_batch = next((entry for entry in entries if entry is not None), None)
+    if of_batch is not None:
+        known = [_word_as_entry(given, of_batch) for given in known]
+    return _list_options(*known), None
+
+
+def _word_as_entry(given: Given, entry: Given) -> Given:
+    """Returns the options of a run in the form in which batch.json states the options `entry` of another run.
+
+    Options that were not given have their defaults. A relative path begins in the current folder.
+    """
+    worded = {**_DEFAULTS, **given}
+    for name, other in entry.items():
+        own = worded.get(name)
+        with suppress(ValueError):  # the log may have been edited
+            if isinstance(own, str) and isinstance(other, float):
+                worded[name] = float(own)
+            elif isinstance(own, str) and isinstance(other, str) and Path(own).resolve() == Path(other).resolve():
+                worded[name] = other
+    return worded
 
 
 def _read_entry(folder: Path) -> Given | None:
@@ -160,6 +180,14 @@ def _read_entry(folder: Path) -> Given | None:
 def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
     """Returns the names whose values differ, each with [first value, second value]; a missing value is None."""
     return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
+
+
+def _list_options(first: Given, second: Given) -> dict[str, list[Any]]:
+    """Returns the options that differ, as `_list_changes` does; the frame of the sensor is one frame by any name."""
+    changes = _list_changes(first, second)
+    if VEHICLE not in changes.get("frame", ()):
+        changes.pop("frame", None)
+    return changes
 
 
 def _list_settings(results: Sequence[Result]) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:

@@ -171,6 +171,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         "data": str(order.data),
         "frontend": order.frontend,
         **asdict(order.inputs),
+        "frame": summary.get("frame", order.inputs.frame),
         "start": order.span[0],
         "end": order.span[1],
         "settings": "; ".join(f"{name}: {value}" for name, _, value in list_changes(Config(), order.settings)),

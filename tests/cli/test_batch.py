@@ -19,7 +19,7 @@ from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
 from mqslam.errors import ConfigError
 from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH
-from mqslam.results.batch_results import Order, RunOutcome
+from mqslam.results.batch_results import Order, RunOutcome, summarise
 from mqslam.simulator import SensorModel, simulate
 
 NAMES = ("wheels", "drive", "radar only")
@@ -138,6 +138,12 @@ def test_an_entry_may_take_a_part_of_the_recording_and_set_settings(work: Path, 
         shown = batch(tmp_path, tmp_path / "out", "--json", "--fail-on", "fail")
         (run,) = json.loads(shown.out)["runs"]
         assert json.loads(shown.out)["kept"] == 1 and (run["verdict"], shown.code) == ("not judged", 3)
+
+
+def test_the_frame_of_a_run_is_that_of_its_sensor(work: Path) -> None:
+    orders = [Order(name, work / name, "psi", load_config()) for name in ("lidar", "gone")]
+    runs = summarise(orders, [RunOutcome({"frame": "lidar"}), RunOutcome(failure="there is none")])["runs"]
+    assert {run["name"]: run["frame"] for run in runs} == {"lidar": "lidar", "gone": "radar"}
 
 
 def test_the_report_shows_every_run_and_leads_to_its_own(work: Path) -> None:

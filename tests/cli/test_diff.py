@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from support.commands import mqslam, parse_strict_json
 
 import mqslam as package
 from mqslam.config import Config, dump_yaml
+from mqslam.core.sensors import USUAL_INPUTS
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_settings
 from mqslam.formats.tum import read_tum, write_tum
@@ -49,6 +51,35 @@ def test_diff_counts_settings_that_follow_from_the_recordings_apart(finished: Pa
     assert f"settings: the same\n{line}\n" in mqslam("diff", first, other).out
     (other / "config.yaml").write_text((other / "config.yaml").read_text() + "former:\n  setting: 3\n")
     assert parse_strict_json(mqslam("diff", first, other, "--json").out)["followed"] == {}
+
+
+def test_diff_compares_the_options_of_a_run_of_a_batch_with_those_of_a_run(
+    finished: Path, other: Path, street: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = (finished / "run.log").read_text()
+    (other / "run.log").write_text(log.replace("command: mqslam run", "command: mqslam batch"))
+    row = {
+        "name": other.name,
+        "data": str(street),
+        **asdict(USUAL_INPUTS),
+        "frontend": "odometry",
+        "start": None,
+        "end": 4.0,
+    }
+
+    def diff_options(**changed: object) -> object:
+        (other.parent / "batch.json").write_text(json.dumps({"warnings": [], "runs": [row | changed]}))
+        return parse_strict_json(mqslam("diff", other, first, "--json").out)["options"]
+
+    first = shutil.copytree(finished, other.with_name("first"))
+    assert diff_options(end=None) == {} and diff_options(end=None, frame="lidar") == {}
+    assert diff_options(imu="/imu.csv", frame="vehicle") == {
+        **{"imu": ["/imu.csv", "auto"], "frame": ["vehicle", "radar"]},
+        "end": [4.0, None],
+    }
+    monkeypatch.chdir(street.parent)
+    (first / "run.log").write_text(log.replace(str(street), street.name).replace("--frontend odometry", "--end 4"))
+    assert diff_options() == {"frontend": ["odometry", "psi"]}
 
 
 def test_a_doppler_shift_that_both_runs_have_measured_is_no_setting(finished: Path, other: Path) -> None:
