@@ -233,7 +233,7 @@ def batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work 
     require_work(work)
     orders, text = read_plan(plan)
     with lock_output(out.absolute()):
-        check_batch(out, orders, force=force)
+        check_batch(out, force=force)
         try:
             outcomes = _run_all(orders, Terms(out.absolute(), work.engine.jobs, force), work)
         except ClusterError as error:

@@ -65,14 +65,11 @@ UNENDED: Final = RunOutcome()
 """The outcome of a run that has not ended yet."""
 
 
-def check_batch(out: Path, orders: Sequence[Order], *, force: bool) -> None:
+def check_batch(out: Path, *, force: bool) -> None:
     """Makes the folder of a batch, or checks that an existing one may be used, before hours are spent on the batch.
-
-    A file in the folder marks the batch as unfinished until `write_batch` removes it; see `write_progress`.
 
     Args:
         out: the folder.
-        orders: the runs of the batch.
         force: whether the folder may be used although it holds the results of another command.
 
     Raises:
@@ -83,11 +80,12 @@ def check_batch(out: Path, orders: Sequence[Order], *, force: bool) -> None:
         raise OutputError(f"{out}: holds the results of another command", Remedy.CHOOSE_OR_WRITE_OUTPUT)
     with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.mkdir(parents=True, exist_ok=True)
-    write_progress(out, orders, [UNENDED] * len(orders))
 
 
 def write_progress(out: Path, orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> None:
     """Writes the outcomes so far, in the form of batch.json, into the file that marks a batch as unfinished.
+
+    `write_batch` removes the file.
 
     Args:
         out: the batch's folder.

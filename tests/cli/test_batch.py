@@ -18,6 +18,7 @@ import mqslam as package
 from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
 from mqslam.errors import ConfigError
+from mqslam.execution.files import write_json
 from mqslam.execution.folders import CHECKPOINT, UNFINISHED_BATCH
 from mqslam.results.batch_results import Order, RunOutcome, summarise
 from mqslam.simulator import SensorModel, simulate
@@ -212,11 +213,19 @@ def test_show_tells_which_runs_of_an_interrupted_batch_have_ended(
         (tmp_path / name).symlink_to(work / name)
     (out / "report.html").unlink()
 
+    written: list[Path] = []
+
     def run_first(_: object, order: Order) -> RunOutcome:
         if order.name == "drive":
+            assert written == [out / UNFINISHED_BATCH]  # once, with the runs that are kept
             return RunOutcome(failure="is cursed")
         raise KeyboardInterrupt
 
+    def write(path: Path, tree: object) -> None:
+        written.append(path)
+        write_json(path, tree)
+
+    monkeypatch.setattr("mqslam.results.batch_results.write_json", write)
     monkeypatch.setattr("mqslam.commands.batch.run_one", run_first)
     with run_in_this_process(), pytest.raises(KeyboardInterrupt):
         package.batch(tmp_path / "runs.yaml", out)

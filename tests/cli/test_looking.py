@@ -19,7 +19,7 @@ from mqslam.errors import ConfigError, DataError
 from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.tum import read_tum, write_tum
 from mqslam.report.canvas import BLUE, PURPLE
-from mqslam.results.batch_results import OPTIONS, check_batch, write_batch
+from mqslam.results.batch_results import OPTIONS, check_batch, write_batch, write_progress
 
 
 def test_a_run_is_read_again_as_the_command_returned_it(finished: Path) -> None:
@@ -86,7 +86,8 @@ def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> Non
 
 
 def test_a_batch_that_was_killed_is_called_unfinished(finished: Path, tmp_path: Path) -> None:
-    check_batch(tmp_path / "out", [], force=False)
+    check_batch(tmp_path / "out", force=False)
+    write_progress(tmp_path / "out", [], [])
     shown = mqslam("plot", tmp_path / "out")
     problem = f"mqslam: error: {tmp_path / 'out'}: holds work that is not finished, and no result yet; "
     assert shown.code == 2 and shown.err == f"{problem}wait until the work has ended, or repeat its command\n"
