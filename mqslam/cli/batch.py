@@ -68,6 +68,9 @@ def print_batch(terminal: Terminal, result: BatchResult) -> None:
 
     Console(soft_wrap=True).print(_tabulate(result))
     _print_failures(terminal, result.summary)
+    if "notes" not in result.summary:
+        shown = f"`mqslam show {result.folder}/NAME` shows the warnings about a run, and what could not be judged in it"
+        terminal.print_notes([f"an earlier version of mqslam wrote this batch; {shown}"])
     notes = result.summary.get("notes", {})
     terminal.print_warnings(f"{join_words(note['runs'])}: {note['text']}" for note in notes.get("warnings", ()))
     for number, note in enumerate(notes.get("not_judged", ()), 1):

@@ -105,6 +105,17 @@ def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
     assert float(rows[list(runs).index("drive")]["ate_rmse_m"]) == runs["drive"]["ate_rmse_m"]
 
 
+def test_show_says_where_the_warnings_of_an_earlier_versions_batch_are(work: Path, tmp_path: Path) -> None:
+    summary = json.loads((work / "out" / "batch.json").read_text())
+    note = (
+        f"note: an earlier version of mqslam wrote this batch; `mqslam show {tmp_path}/NAME` shows the warnings about a run"
+    )
+    for earlier in (False, True):
+        (tmp_path / "batch.json").write_text(json.dumps(summary))
+        assert (note in mqslam("show", tmp_path).err) == earlier
+        summary.pop("notes", None)
+
+
 def test_recordings_of_one_name_are_named_after_their_folders_too(tmp_path: Path) -> None:
     data = ("mon/am/drive", "mon/pm/drive", "fri/pm/drive", "fri/other", "drive")
     named = ({"data": path} for path in data)
