@@ -144,11 +144,13 @@ def _tabulate_rows(
             cells[at] = VerdictStatus(values[at])
         rows.append((name, str(ranks[name]), *cells))
     judges = "without ground truth" if comparison.recording.ground_truth is None else "against ground truth and without it"
-    ranking = (
-        f"Every row is judged alike, {judges}. Rank 1 is the best row: {join_words(list(CRITERIA))} decide the ranks, in "
-        "this order, as far as they are known. Rows that cannot be told apart share a rank."
+    ranks = (
+        f"Rank 1 is the best row: {join_words(list(CRITERIA))} decide the ranks, in this order, as far as they are known. "
+        "Rows that cannot be told apart share a rank."
     )
-    return Section("Rows", [ranking, *notes], table=Table(("", "rank", *head), rows))
+    return Section(
+        "Rows", [" ".join([f"Every row is judged alike, {judges}.", *notes]), ranks], table=Table(("", "rank", *head), rows)
+    )
 
 
 def _style_of(k: int) -> tuple[str, Any]:
@@ -415,7 +417,7 @@ def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
         ("What if the best by ground truth fails?", differ),
         *(
             (
-                f"Why is {name} judged {audit.verdict.status}?",
+                f"Why is the verdict on {name} {audit.verdict.status}?",
                 "; ".join([audit.verdict.diagnosis, *list_reasons(audit.verdict._asdict())]),
             )
             for name, audit in audits.items()

@@ -53,7 +53,7 @@ def test_notes_explain_the_ranks_the_marks_and_which_row_lacks_scans(pages: dict
     text = text_of(pages["compare"])
     criteria = "drift, ATE, share of torn windows, share of torn revisits and verdict decide the ranks, in this order"
     assert f"Rank 1 is the best row: {criteria}, as far as they are known." in text
-    assert "Bold and green is the best value; ↓ less is better" in text
+    assert "Every row is judged alike, against ground truth and without it. Bold and green is the best value; ↓ less" in text
     assert "Of 60 scans, _kiss_$icp$ <icp> covers 50; every row is judged on the 50 that all rows cover." in text
 
 
@@ -110,6 +110,7 @@ def test_a_sceptic_reads_who_judges_and_by_what(pages: dict[str, Path], tmp_path
     text = text_of(pages["compare"])
     for shown in ("The same audit for every row", "60 scans", "It uses no ground truth", "bends of 5 cm and more"):
         assert shown in text, shown
+    assert f"Why is the verdict on psi {ROWS[0].audit.verdict.status}?" in text
     audit = replace(ROWS[0].audit, tests={"windows": []})
     write_comparison(tmp_path, a_comparison((replace(ROWS[0], audit=audit), ROWS[1])))
     assert "By what?\nwindows: the map of six scans with its best map under a correction of the speed\n" in text_of(tmp_path)
