@@ -144,12 +144,14 @@ def _tabulate_rows(
             cells[at] = VerdictStatus(values[at])
         rows.append((name, str(ranks[name]), *cells))
     judges = "without ground truth" if comparison.recording.ground_truth is None else "against ground truth and without it"
-    ranks = (
+    ranking = (
         f"Rank 1 is the best row: {join_words(list(CRITERIA))} decide the ranks, in this order, as far as they are known. "
         "Rows that cannot be told apart share a rank."
     )
     return Section(
-        "Rows", [" ".join([f"Every row is judged alike, {judges}.", *notes]), ranks], table=Table(("", "rank", *head), rows)
+        "Rows",
+        [" ".join([f"Every row is judged alike, {judges}.", *notes]), ranking],
+        table=Table(("", "rank", *head), rows),
     )
 
 

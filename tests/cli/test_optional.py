@@ -290,7 +290,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0
-    names = {"compare.csv", "compare.md", "compare.tex", "compare.json", "config.yaml", "odometry", "first"}
+    names = {"compare.csv", "compare.md", "compare.tex", "compare.json", "config.yaml", "run.log", "odometry", "first"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     summary = read_summary(tmp_path / "out", "compare.json")
     rows = {row["name"]: row for row in summary["rows"]}
