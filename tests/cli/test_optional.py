@@ -299,7 +299,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     assert rows["first"]["windows_torn"] == 0.0 and rows["first"]["windows_torn_at_most"] > 0.5
     assert [w for w in summary["warnings"] if w.startswith(("overlay.png could not", "report.html could not"))]
     assert "failed: the judgement of its map" in shown.out and "not judged" in shown.out
-    assert "note: report.html could not be completed" in shown.err
+    assert "warning: report.html could not be completed" in shown.err
 
 
 def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
