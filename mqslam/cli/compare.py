@@ -94,8 +94,6 @@ def _print_table(result: CompareResult) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mqslam.results.compare_results import explain_table
-
     cells, marked = result.table, result.marked
     console = Console(markup=False, highlight=False)
     failed = [line for line in cells[1:] if line[1].startswith("failed: ")]
@@ -111,7 +109,7 @@ def _print_table(result: CompareResult) -> None:
         )
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
-    for note in explain_table(result.summary, marked, "*"):
+    for note in result.notes:
         echo(note.translate(arrows))
     for line in failed:
         echo(name_options(f"{line[0]} {line[1]}"))

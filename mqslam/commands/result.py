@@ -18,7 +18,7 @@ from mqslam.execution.folders import SUMMARIES, UNFINISHED_BATCH, check_whole, s
 from mqslam.formats.covariances import LOCALISED, StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.batch_results import NOT_FINISHED, number_notes, state_of
-from mqslam.results.compare_results import tabulate
+from mqslam.results.compare_results import explain_table, tabulate
 from mqslam.results.files import name_evo_command
 
 _RUNS_SHOWN: Final = 5  # names of runs that a batch's facts list for each verdict
@@ -166,6 +166,11 @@ class CompareResult(Result):
 
     table: list[list[str]]
     marked: frozenset[tuple[int, int]]
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on the table: what its marks mean, which rows lack scans, and why drift is missing."""
+        return explain_table(self.summary, self.marked, "*")
 
     @property
     def facts(self) -> dict[str, str]:
