@@ -40,7 +40,7 @@ from mqslam.backend.loops.passes import (
     TrackedRun,
     render_passes,
 )
-from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, describe_places, recognise
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, Hypothesis, PlaceDatabase, describe_places, recognise
 from mqslam.backend.loops.registration import (
     align_near,
     align_passes,
@@ -431,6 +431,7 @@ class LoopCloser:
         self._latest: tuple[list[Loop], PoseGraph, Optimum] | None = None  # what `_solve` returned last, with its loops
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
+        self._supposed: set[tuple[int, int]] = set()  # the pairs that were compared although the trajectory is too uncertain
         self._recognised = 0  # number of pairs that the recognition of places has compared
         self._alike: set[int] = set()  # the scans whose submaps fit several poses
         self._elsewhere: set[tuple[int, int]] = set()  # the recognised pairs that the trajectory rules out
@@ -486,6 +487,9 @@ class LoopCloser:
     def look_everywhere(self) -> bool:
         """Recognises places that the search around the trajectory does not reach; returns whether new loops were kept.
 
+        A lidar sees few metres, and corridors look alike. Its passes are therefore also compared where the trajectory places
+        them, although this search may be too narrow. Like places that look alike, such passes count only in rows that agree.
+
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
         """
@@ -496,7 +500,8 @@ class LoopCloser:
         if not asked.any():
             return False
         database = PlaceDatabase.of(chain.drive, describe_places(chain.drive, beam, engine))
-        found = recognise(chain.drive, places[asked], database, allowed[asked], self._estimator, beam, engine)
+        allowed, supposed = allowed[asked], self._suppose(chain)
+        found = recognise(chain.drive, places[asked], database, allowed, self._estimator, beam, engine, supposed)
         if not found.compared:
             return False
         matches = [match for row in found.rows for match in row]
@@ -521,6 +526,17 @@ class LoopCloser:
         self._decided |= added
         _log.info("recognition of places adds %d loops; %d submaps match several places", len(added), len(found.ambiguous))
         return bool(added)
+
+    def _suppose(self, chain: Chain) -> list[Hypothesis]:
+        """Returns hypotheses for pairs of a lidar's passes whose relative pose may be off by more than the widest search."""
+        if not chain.drive.shows_surfaces:
+            return []
+        unsure = find_candidates(chain, self._decided | self._supposed, self._groups)[1]
+        self._supposed |= set(unsure)
+        return [
+            Hypothesis(*pair, relative.motion, (GATE_M, _GATE_RAD))
+            for pair, relative in zip(unsure, chain.relate(unsure), strict=True)
+        ]
 
     def start_from(self, first: Sequence[Loop]) -> None:
         """Adds loops known before the search; neither their pairs of scans nor neighbouring pairs are compared again."""

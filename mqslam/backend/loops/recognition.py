@@ -298,18 +298,20 @@ class PlaceDatabase:
         return [order[first:end] for first, end in zip(firsts, ends, strict=True)]
 
 
-class _Pair(NamedTuple):
-    """A hypothesis of the recognition: a scan, and a place that the submap around the scan may show.
+class Hypothesis(NamedTuple):
+    """A scan, and a place that the submap around the scan may show.
 
     Args:
         earlier: number of the scan at the place, in the map.
         later: number of the scan around which the submap lies, in its drive.
         pose: (3,) approximate pose of the later scan in the frame of the earlier scan [m, m, rad].
+        reach: how far the pose may be off in position [m] and in yaw [rad].
     """
 
     earlier: int
     later: int
     pose: se2.Array
+    reach: tuple[float, float] = _SEARCH
 
 
 def recognise(
@@ -320,6 +322,7 @@ def recognise(
     estimator: EstimatorConfig,
     beam: Beam,
     engine: Engine,
+    supposed: Sequence[Hypothesis] = (),
 ) -> Recognition:
     """Finds the places that submaps of a drive show, without knowing roughly where the submaps lie in the map.
 
@@ -334,6 +337,7 @@ def recognise(
         estimator: settings of the score.
         beam: the sensor's measurement errors.
         engine: engine that compares the submaps; the result does not depend on it.
+        supposed: hypotheses that psi registers besides the guesses.
     """
     allowed = np.ones((len(queries), len(database.places)), dtype=np.bool_) if allowed is None else allowed
     if not allowed.any():
@@ -341,24 +345,24 @@ def recognise(
     rendered = render_places(drive, queries.tolist(), beam, engine)
     guesses = database.index.look_up([submap.points for submap in rendered], allowed, database.find_same())
     pairs = [
-        _Pair(int(database.places[guess.place]), int(query), guess.pose)
+        Hypothesis(int(database.places[guess.place]), int(query), guess.pose)
         for query, listed in zip(queries, guesses, strict=True)
         for guess in listed
     ]
     i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # each guess must agree with the guess of another submap
-    pairs = [pairs[n] for n in np.union1d(i, k)]
+    pairs = sorted([*(pairs[n] for n in np.union1d(i, k)), *supposed], key=lambda pair: pair.later)
     found = engine.map(_register, (drive, database.drive, estimator, beam), pairs)
     best, ambiguous = _choose([match for match in found if match is not None], database.drive, estimator)
     return Recognition(_find_rows(best, drive, database.drive), ambiguous, len(pairs))
 
 
-def _place(pairs: Sequence[_Pair | Loop], mapped: Passes) -> se2.Array:
+def _place(pairs: Sequence[Hypothesis | Loop], mapped: Passes) -> se2.Array:
     """Returns the poses (K, 3) of the later scans in the map's frame [m, m, rad], as K pairs place them."""
     return np.array([se2.compose(mapped.poses[pair.earlier], pair.pose) for pair in pairs]).reshape(-1, 3)
 
 
 def _find_agreeing(
-    pairs: Sequence[_Pair | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
+    pairs: Sequence[Hypothesis | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Finds which of the given pairs agree with each other.
 
@@ -390,7 +394,7 @@ def _find_agreeing(
     return i[agree], k[agree]
 
 
-def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair) -> tuple[Loop, bool] | None:
+def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: Hypothesis) -> tuple[Loop, bool] | None:
     """Registers a submap on a place by psi.
 
     Args:
@@ -403,7 +407,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
     """
     drive, mapped, estimator, beam = shared
     submaps = render_passes((mapped, pair.earlier), (drive, pair.later), beam)
-    found = align_passes(*submaps, pair.pose, _SEARCH, estimator, on_surfaces=drive.shows_surfaces)
+    found = align_passes(*submaps, pair.pose, pair.reach, estimator, on_surfaces=drive.shows_surfaces)
     if found is None:
         return None
     match = Loop(pair.earlier, pair.later, found.pose, found.covariance, found.matched, found.psi)
