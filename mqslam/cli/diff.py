@@ -22,6 +22,7 @@ _SHOWN = (  # groups of figures that are printed; --json lists all groups
     *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
     *("last_pose", "factors", "evaluation"),
 )
+_OF_ROWS = ("verdict", "drift_percent", "ate_rmse_m", "psi_across_passes")  # figures of a comparison's row that are printed
 _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 
@@ -72,6 +73,7 @@ def _format(differences: dict[str, Any]) -> str:
     figures = differences["figures"]
     shown = {name: both for name, both in figures.items() if name.startswith("tests.") and name.endswith(".status")}
     shown |= {name: both for name, both in figures.items() if name.partition(".")[0] in _SHOWN}
+    shown |= {name: both for name, both in figures.items() if name.startswith("rows.") and name.split(".")[-1] in _OF_ROWS}
     options = differences["options"]
     given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}
     parts = [f"options: not known, because {differences['options_not_known']}"] if options is None else []

@@ -13,7 +13,7 @@ import numpy as np
 
 from mqslam.commands.lidar_inputs import is_of_radars
 from mqslam.commands.lidar_settings import sort_changes
-from mqslam.commands.result import Result, read_result
+from mqslam.commands.result import CompareResult, Result, read_result
 from mqslam.config import load_config, read_tree
 from mqslam.core import se2
 from mqslam.core.sensors import USUAL_INPUTS, VEHICLE
@@ -33,16 +33,20 @@ _COMMANDS: Final = {
     "MergeResult": "merge",
     "BatchResult": "batch",
 }
-_PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
+_PASSING: Final = frozenset(  # entries that differ whenever a command is repeated
+    {"run_key", "runtime_s", "peak_rss_mb", "measure_s", "back_end_s", "ms_per_revolution"}
+)
 _REMEDY: Final = "give the folders of two results of one command"
 _OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # sections that change the returns or psi
 _DOPPLER: Final = "sensor.doppler_beta"  # a setting that a run measures unless it is given
 _NOT_OF_RETURNS: Final = frozenset({_DOPPLER, "sensor.odometry_topic", "sensor.truth_topic"})
 _LENGTH_OF_BINS: Final = "range_resolution"  # the only option that changes the returns and is no setting
-_SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s")  # entries of `dataset`
+_SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s", "compared")  # entries of `dataset`
 _DIGITS: Final = 6  # digits after the point of positions [m] in trajectory.tum
 _DEFAULTS: Final = {"frontend": "psi", **asdict(USUAL_INPUTS)}  # options of a run that is called without any
-_PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # names of entries of a summary that hold psi
+_PSI: Final = frozenset(  # names of entries of a summary that hold psi
+    {"psi", "psi_per_point", "psi_per_point_best", "psi_across_passes", "psi_over_best"}
+)
 
 Given = Mapping[str, Any]
 
@@ -258,8 +262,9 @@ def _describe_scans(result: Result) -> Given:
 
 
 def _is_psi(name: str) -> bool:
-    """Returns whether an entry of a summary depends on psi; `factors.psi`, which is the number of psi factors, does not."""
-    return not _PSI.isdisjoint(name.split(".")) and not name.startswith("factors.")
+    """Returns whether a figure depends on psi; `factors.psi`, the number of psi factors, and the name of a row do not."""
+    above, *parts = name.split(".")
+    return not _PSI.isdisjoint(parts[1:] if above == "rows" else [above, *parts]) and above != "factors"
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -272,14 +277,20 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 
 def _list_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yields the names and values of a summary, except lists and entries that differ whenever a command is repeated."""
-    for name, value in _flatten(summary):
+    """Yields the names and values of a summary, except lists and entries that differ whenever a command is repeated.
+
+    The rows of a comparison are called `rows.NAME`.
+    """
+    rows = {"rows": {row["name"]: row for row in summary["rows"]}} if "rows" in summary else {}
+    for name, value in _flatten({**summary, **rows}):
         if not isinstance(value, list) and _PASSING.isdisjoint(name.split(".")):
             yield name, value
 
 
 def _compare_trajectories(first: Result, second: Result) -> tuple[dict[str, Any] | None, str | None]:
     """Returns the entries `trajectories` and `trajectories_not_compared` of `diff_results`."""
+    if isinstance(first, CompareResult):
+        return None, "every row of a comparison has its own trajectory"
     paths = [result.folder / "trajectory.tum" for result in (first, second)]
     missing = next((path for path in paths if not path.is_file()), None)
     if missing is not None:

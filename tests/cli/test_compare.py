@@ -88,6 +88,22 @@ def test_diff_lists_the_options_in_which_two_comparisons_differ(compared: Path, 
     assert "odometry_only  true -> not given\n" in mqslam("diff", compared, other).out
 
 
+def test_diff_compares_the_rows_of_two_comparisons_by_their_names(compared: Path, tmp_path: Path) -> None:
+    other = Path(shutil.copytree(compared, tmp_path / "other"))
+    summary = json.loads((compared / "compare.json").read_text())
+    first = summary["rows"][0]
+    before = first["ate_rmse_m"]
+    first |= {"ate_rmse_m": 12.5, "measure_s": 1e6, "psi_across_passes": 7.0}
+    (other / "compare.json").write_text(json.dumps(summary))
+    found = json.loads(mqslam("diff", compared, other, "--json").out)
+    at = f"rows.{first['name']}"
+    assert found["figures"] == {f"{at}.ate_rmse_m": [before, 12.5], f"{at}.psi_across_passes": [None, 7.0]}
+    assert found["trajectories"] is None
+    shown = mqslam("diff", compared, other).out
+    assert f"{at}.ate_rmse_m" in shown and "-> 12.5" in shown
+    assert shown.endswith("trajectories: not compared, because every row of a comparison has its own trajectory\n")
+
+
 def test_evo_reads_the_trajectories_and_finds_the_same_errors(compared: Path, street: Path) -> None:
     truth = file_interface.read_tum_trajectory_file(str(street / "gt" / "poses_tum.txt"))
     for row in json.loads((compared / "compare.json").read_text())["rows"][:3]:
