@@ -69,11 +69,11 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
     """Describes the gaps of a recording in a line: the first `_LISTED` gaps and, if there are more, all missing seconds."""
     if not gaps:
         return "none"
-    first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
-    if len(gaps) <= _LISTED:
-        return f"{first} (scans are counted from 0)"
-    missing = sum(gap["missing_s"] for gap in gaps)
-    return f"{first} (scans are counted from 0) and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in total"
+    listed = [f"{gap['missing_s']:.2f} s are missing after scan {gap['after_revolution']}" for gap in gaps[:_LISTED]]
+    if len(gaps) > _LISTED:
+        total = sum(gap["missing_s"] for gap in gaps)
+        listed.append(f"and in {len(gaps) - _LISTED} more gaps; {total:.2f} s are missing in all")
+    return f"{', '.join(listed)} (scans are counted from 0)"
 
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:

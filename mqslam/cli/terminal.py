@@ -97,7 +97,7 @@ class Terminal:
         self.console.print(line, style=style, highlight=False, soft_wrap=True)
 
     def print_notes(self, notes: Iterable[str]) -> None:
-        """Prints notes for the user on stderr, one line each, with remedies that name the options to give."""
+        """Prints notes for the user on stderr, one line each; remedies in them name the options to give."""
         for note in notes:
             self.print(f"note: {show(name_options(note))}")
 

@@ -245,7 +245,7 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
 
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
-    """Yields an uncompressed LAS file: the file itself, or an unpacked copy of a LAZ that is deleted when the block ends.
+    """Yields the path of an uncompressed LAS file; for a LAZ it is a temporary unpacked copy, deleted when the block ends.
 
     Raises:
         DataError: the file is damaged, states more points than it can hold, or cannot be unpacked.

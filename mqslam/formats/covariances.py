@@ -218,9 +218,9 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
     try:
         stamp, terms = int(words[0]), np.array([float(word) for word in words[1:]])
     except ValueError:
-        raise DataError(path, f"line {number} is not made of numbers", _REMEDY) from None
+        raise DataError(path, f"line {number} is not a whole stamp [us] and six finite numbers", _REMEDY) from None
     if len(words) != len(_COLUMNS) or not np.isfinite(terms).all() or abs(stamp) > LATEST_US:
-        raise DataError(path, f"line {number} is not a stamp [us] and six finite numbers", _REMEDY)
+        raise DataError(path, f"line {number} is not a whole stamp [us] and six finite numbers", _REMEDY)
     covariance = np.zeros((3, 3))
     covariance[np.triu_indices(3)] = terms
     return stamp, _check(path, f"line {number}", covariance + np.triu(covariance, 1).T)

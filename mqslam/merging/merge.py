@@ -297,9 +297,9 @@ def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> lis
     The graph's file then lacks data, such as GNSS fixes, that determined these poses in the session's run.
     """
     return [
-        f"{session.folder}: with only the edges in its graph.g2o, its poses move by up to "
-        f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or GNSS that its run used is not in this file, "
-        "so the merge cannot use it"
+        f"{session.folder}: if its graph.g2o is optimised alone, its poses move by up to "
+        f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m away from the result of its run; this file lacks data that "
+        "the run used, such as GNSS or a gyroscope's, so the merge cannot use them"
         for session, far in zip(sessions, moved_m, strict=True)
         if far > _MOVED_M
     ]

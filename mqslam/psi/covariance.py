@@ -104,13 +104,13 @@ def are_worse(
 def find_sigma_by_profile(
     offsets: NDArray[np.float64], differences: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float
 ) -> float:
-    """Returns a variable's standard deviation from scores at distances from a minimum; zero if it is below their spacing.
+    """Estimates a variable's standard deviation from how fast the score rises around a minimum.
 
     Where single points pair up by chance, a score has many narrow minima, and the curvature of one of them does not show how
-    far the others lie. At a distance d from the minimum of a smooth score, the sum of the differences is H d^2 / 2, and its
-    standard deviation is d times the root of sum_c g_c^2. The sum is therefore larger than k of its standard deviations at
-    distances of more than 2 k standard deviations of the variable. The result is the largest distance at which the score is
-    not significantly larger (`_SIGNIFICANT` = k), divided by 2 k.
+    far the others lie. With H and g_c as in the module's docstring, a smooth score rises by H d^2 at a distance d from its
+    minimum, and this rise has the standard deviation 2 d sqrt(sum_c g_c^2). The variable's own standard deviation is
+    sigma = sqrt(sum_c g_c^2) / H. The rise therefore exceeds k of its standard deviations where d > 2 k sigma. The result is
+    the largest distance at which it does not, divided by 2 k (k is `_SIGNIFICANT`); zero if it does at all distances.
 
     Args:
         offsets: (K,) distances from the minimum, in the unit of the variable.

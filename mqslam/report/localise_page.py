@@ -22,7 +22,7 @@ _STATUSES: Final = {  # colour and mark on the map, and meaning
     PlaceStatus.CONVERGED: (BLUE, "o", "the scan lies on the map"),
     PlaceStatus.DEGENERATE: (ORANGE, "s", "the map does not show one direction; along it the pose is a prediction"),
     PlaceStatus.LOST: (RED, "^", "too little of the scan lies on the map; the pose is a prediction"),
-    PlaceStatus.OUTSIDE: (VIOLET, "x", "the map has nothing there; the pose is a prediction"),
+    PlaceStatus.OUTSIDE: (VIOLET, "x", "no part of the map lies near the predicted pose; the pose is a prediction"),
 }
 
 

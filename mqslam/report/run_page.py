@@ -438,7 +438,7 @@ def _chart_correction(run: Run) -> list[Figure]:
     path = se2.path_lengths(after)
     moved = Curve("moved", BLUE, over(path, np.hypot(*(after[:, :2] - before[:, :2]).T)))
     turn = Curve("turned", PURPLE, over(path, np.rad2deg(turned)), "--", beside=True)
-    caption = f"of the optimised trajectory against that under {run.before}, both from one start"
+    caption = f"how far the optimised trajectory lies from the earlier one ({run.before}); the first poses are the same"
     return [_chart_both("Correction over distance", caption, "moved by [m]", [moved], "turned by [°]", turn)]
 
 

@@ -41,7 +41,7 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
         "gyroscope": "none",
         "GNSS": "none",
         "mount": "not stated",
-        "gaps": "0.50 s after scan 3 (scans are counted from 0)",
+        "gaps": "0.50 s are missing after scan 3 (scans are counted from 0)",
     }
     assert read_contents(tmp_path) == before
 
@@ -71,8 +71,8 @@ def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path
     drive = write_oxford(tmp_path / "drive", polar_scans=20, skip=tuple(range(1, 20, 2)))
     table = table_of(mqslam("info", drive).out)
     assert table["turn rate"] == "4.000 Hz"
-    listed = ", ".join(f"0.25 s after scan {k}" for k in range(5))
-    assert table["gaps"] == f"{listed} (scans are counted from 0) and 4 more; 2.25 s are missing in total"
+    listed = ", ".join(f"0.25 s are missing after scan {k}" for k in range(5))
+    assert table["gaps"] == f"{listed}, and in 4 more gaps; 2.25 s are missing in all (scans are counted from 0)"
 
 
 def test_programs_read_the_same_as_json(oxford: Path) -> None:

@@ -11,6 +11,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.covariances import StampedCovariances, list_known, read_covariances, write_covariances
 
+NO_ROW = "line 2 is not a whole stamp [us] and six finite numbers"
 HEAD = "stamp_us,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw"
 ROW = "1547131046353776,0.04,0.01,0.001,0.09,-0.002,0.0001"
 
@@ -39,11 +40,11 @@ def test_a_row_holds_the_upper_triangle_of_the_covariance(tmp_path: Path) -> Non
         ("t0,t1,dx,dy\n0,1,2,3\n", "does not begin with the columns stamp_us,cov_xx"),
         (f"{HEAD}\n", "holds no covariances"),
         (f"{HEAD}\n{ROW}\n{ROW}\n", "the stamp of line 3 is not later than the stamp before"),
-        (f"{HEAD}\n{ROW},1\n", "line 2 is not a stamp [us] and six finite numbers"),
-        (f"{HEAD}\n{ROW.replace('0.04', 'nan')}\n", "line 2 is not a stamp [us] and six finite numbers"),
-        (f"{HEAD}\n9999{ROW}\n", "line 2 is not a stamp [us] and six finite numbers"),
-        (f"{HEAD}\n{ROW.replace('0.04', 'much')}\n", "line 2 is not made of numbers"),
-        (f"{HEAD}\n{ROW.replace('1547131046353776', '1547131046.353776')}\n", "line 2 is not made of numbers"),
+        (f"{HEAD}\n{ROW},1\n", NO_ROW),
+        (f"{HEAD}\n{ROW.replace('0.04', 'nan')}\n", NO_ROW),
+        (f"{HEAD}\n9999{ROW}\n", NO_ROW),
+        (f"{HEAD}\n{ROW.replace('0.04', 'much')}\n", NO_ROW),
+        (f"{HEAD}\n{ROW.replace('1547131046353776', '1547131046.353776')}\n", NO_ROW),
         (f"{HEAD}\n{ROW.replace('0.04', '-0.04')}\n", "line 2 has a variance that is not positive"),
         (f"{HEAD}\n{ROW.replace('-0.002', '1e308')}\n", "the terms of line 2 do not form a covariance"),
         (f"{HEAD}\n{ROW.replace('0.01', '0.07')}\n", "the terms of line 2 do not form a covariance"),

@@ -401,11 +401,12 @@ class LoopCloser:
 
     Args:
         problem: the trajectory to which loops are added.
-        place: returns the scans under given poses (N, 3) [m, m, rad].
+        place: places the scans at given poses (N, 3) [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's measurement errors.
         runner: gives the engine that compares scans, and reports progress.
-        before: scans under the trajectory before any loop; None takes the trajectory of the first optimisation.
+        before: the scans as the trajectory without loops places them, with which the map with loops is compared; None takes
+            the first optimised trajectory.
         groups: (N,) number of each scan's group, if only loops between different groups are wanted; None searches for all.
 
     Attributes:

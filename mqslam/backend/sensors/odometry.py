@@ -269,7 +269,10 @@ def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measu
 def _find_confirmed(
     odometry: Sequence[Measurement], measured: Sequence[Measurement], usual: NDArray[np.float64]
 ) -> set[int]:
-    """Returns the indices of the lost motions whose odometry is confirmed by the next scan that matches the same map.
+    """Returns the indices of the lost motions that odometry bridges well.
+
+    For each run of lost motions on one map, the front end's and odometry's motions are chained up to the end of the next
+    motion that is not lost. The run is confirmed if both chains end at the same pose, within odometry's usual errors.
 
     Args:
         odometry: motions of odometry.

@@ -260,8 +260,8 @@ class LastMatch:
     def predict_steadily(self, scan: Scan, settings: TrackerConfig) -> State | None:
         """Predicts the state of a later scan from the smoothed twist of the last scans; returns None if `twists` is empty.
 
-        The twist of a single match errs by a few tenths of a metre per second. This does no harm where the next scan is
-        matched again, but too much harm where psi does not observe a direction for some time.
+        The twist of a single match errs by a few tenths of a metre per second. This is harmless if the next scan is
+        matched again, but adds up where psi does not observe a direction for some time.
         """
         if not self.twists:
             return None
