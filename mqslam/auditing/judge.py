@@ -203,8 +203,8 @@ def audit(
         few = explain_few_spans(registrations, sweeps)
         tests |= {
             "frame": _judge_frame(shared, windows, known.place, engine),
-            "spans": [judge_spans(spans, settings, limits, few)],
-            "sums": [judge_sums(sums, path_m, settings, limits)],
+            "spans": [_set_apart(judge_spans(spans, settings, limits, few), expected)],
+            "sums": [_set_apart(judge_sums(sums, path_m, settings, limits), expected)],
             "pooled": [
                 judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s, is_of_run=known.is_of_run, few=few)
             ],
@@ -275,6 +275,18 @@ def _shows(step: StepAudit, jump: Jump, settings: AuditConfig) -> bool:
     is_large = registration.size_m > max(settings.torn_m, registration.doubt_m)
     fits = registration.unrivalled and registration.psi_best < registration.psi
     return fits and is_large and jump.t0 <= step.t <= jump.t1 + (jump.t1 - jump.t0)
+
+
+def _set_apart(finding: Finding, expected: NDArray[np.float64]) -> Finding:
+    """Returns a finding on spans; if errors of the whole trajectory were left out, its reason says so.
+
+    Args:
+        finding: the finding.
+        expected: the parts of the spans' offsets that errors of the whole trajectory explain; all zero if there are none.
+    """
+    if not finding.judged or not np.any(expected):
+        return finding
+    return replace(finding, reason=f"apart from the errors of the whole trajectory (test pooled), {finding.reason}")
 
 
 def _judge_frame(shared: Shared, windows: Sequence[WindowAudit], place: Place | None, engine: Engine) -> list[Finding]:

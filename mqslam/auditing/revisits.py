@@ -182,6 +182,7 @@ class RevisitAudit:
         stated_covariance: (3, 3) covariance that the trajectory itself states for the later pose relative to the earlier
             pose; None if it states none.
         excused: whether only the stated covariance keeps the passes from being torn.
+        measured_inflation: like `inflation`, with the covariance by the measurement alone.
     """
 
     registration: Registration
@@ -193,6 +194,7 @@ class RevisitAudit:
     p_value: float = np.nan
     stated_covariance: NDArray[np.float64] | None = None
     excused: bool = False
+    measured_inflation: float = np.inf
 
     @property
     def offset(self) -> se2.Array:
@@ -232,26 +234,31 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     """Judges whether the covariances that a trajectory states explain the offsets of its revisits.
 
     A list of covariances of single poses lacks the correlations between poses, so the covariance of one pose relative to
-    another comes out too large. Covariances that are too large are therefore reported, but are no fault.
+    another comes out too large. Covariances that are too large are therefore reported, but are no fault. A trajectory that
+    these very revisits have corrected is off there by no more than the measurements err: then the offsets fit any small
+    covariance, and show nothing about the covariances.
 
     Returns:
         The result; None if the trajectory states no covariances or no revisit is sure.
     """
-    sure = [r.inflation for r in revisits if r.sure and r.stated_covariance is not None]
+    sure = [(r.inflation, r.measured_inflation) for r in revisits if r.sure and r.stated_covariance is not None]
     if not sure:
         return None
     degrees = 3 * len(sure)
-    nees = float(np.sum(sure)) / degrees
+    nees, measured = (float(total) / degrees for total in np.sum(sure, axis=0))
     least, most = (float(bound) / degrees for bound in chi2.ppf([0.025, 0.975], degrees))
     chance = f"where right covariances would give {least:.2g} to {most:.2g}"
-    by = f"judged by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
-    if nees > most:
+    by = f", judged by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
+    if measured <= most:
+        what = f"are not tested: at {count_of(len(sure), 'revisit')} it is off by no more than psi errs, as after a loop"
+        by = ""
+    elif nees > most:
         what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as stated"
     elif nees < least:
         what = "are larger than the errors, or lack the correlations between poses"
     else:
         what = "are as large as its errors"
-    return Honesty(len(sure), nees, least, most, f"the covariances of the trajectory {what}, {by}")
+    return Honesty(len(sure), nees, least, most, f"the covariances of the trajectory {what}{by}")
 
 
 def audit_revisits(
@@ -342,6 +349,7 @@ def judge_registrations(
             p_value=float(p_values[k]),
             stated_covariance=None if known is None else known[k],
             excused=bool(excused[k]),
+            measured_inflation=float(measured.inflations[k]),
         )
         for k, one in enumerate(registrations)
     ]

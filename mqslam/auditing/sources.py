@@ -27,8 +27,8 @@ from mqslam.psi.place import Beam
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
 _SLACK_SWEEPS: Final = 2.0  # a covariance that is more sweeps than this before or after a sweep belongs to other poses
 _REMEDY: Final = (
-    "give the covariances that were written together with the trajectory; a lidar's run states none for scans during which "
-    "the lidar stood still, so leave these scans out"
+    "give the covariances that were written together with the trajectory; for a lidar that stood still, leave out the scans "
+    "of that time, for which its run states none"
 )
 
 

@@ -27,7 +27,7 @@ _FIGURES: Options = {
 @paper.callback(invoke_without_command=True)
 @command("context seeds revolutions jobs as_json quiet verbose", _TABLE)
 def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions: int) -> None:
-    """Reproduce table I and the scores of figure 2 of the paper; the command `figures` draws figures 2 and 3.
+    """Reproduce table I and the scores of figure 2 of the paper; `mqslam paper figures` draws figures 2 and 3.
 
     The paper is "Motion Estimation from Map Quality with Millimeter Wave Radar" (Chandran and Newman, IROS 2006). The table
     lists three constant motions, each with the paper's own result, with the results of an exhaustive search (the paper's

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mqslam.cli.audit import print_audit
 from mqslam.cli.batch import print_batch
@@ -15,12 +15,27 @@ from mqslam.cli.run import print_run
 from mqslam.cli.terminal import Terminal
 from mqslam.errors import untrusted
 
+if TYPE_CHECKING:
+    from mqslam.commands.result import AuditResult
+
 _OWN: Options = {
     "out": argument(Path, ..., "OUT", "The folder of a result of run, audit, compare, localise, merge or batch."),
 }
+
+
+def _print_audit(terminal: Terminal, result: AuditResult) -> None:
+    """Prints the results of an audit, and before them the notes and warnings that the audit itself has printed as it ran."""
+    from mqslam.core.wording import list_outcomes
+
+    stated = {sentence for _, sentence in list_outcomes(result.summary)}
+    terminal.print_notes(note for note in result.summary.get("notes", ()) if note not in stated)
+    terminal.print_warnings(result.summary.get("warnings", ()))
+    print_audit(terminal, result)
+
+
 _PRINT: dict[str, Any] = {
     "RunResult": print_run,
-    "AuditResult": print_audit,
+    "AuditResult": _print_audit,
     "CompareResult": print_compared,
     "LocaliseResult": print_localised,
     "MergeResult": print_merged,

@@ -60,12 +60,13 @@ def name_audited(summary: Mapping[str, Any]) -> str:
 def format_markdown(summary: Mapping[str, Any]) -> str:
     """Returns audit.json as Markdown: verdict, data, notes, statuses that are worse than in an earlier audit, and tests.
 
-    The notes are those of `list_outcomes`, and the warnings.
+    The notes are those of `list_outcomes`, the other notes of audit.json, and the warnings.
     """
     verdict, baseline = summary["verdict"], summary.get("baseline")
     blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
     blocks.append([f"Audited: {_plain(name_audited(summary))}"])
-    notes = [*(text for _, text in list_outcomes(summary)), *summary.get("warnings", [])]
+    outcomes = [text for _, text in list_outcomes(summary)]
+    notes = dict.fromkeys([*outcomes, *summary.get("notes", []), *summary.get("warnings", [])])
     blocks += [[f"- {_plain(note)}" for note in notes]] if notes else []
     if baseline is not None:
         what = "this is worse:" if baseline["worse"] else "nothing is worse."

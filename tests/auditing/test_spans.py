@@ -10,6 +10,7 @@ import pytest
 from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_spans
+from mqslam.auditing.judge import _set_apart
 from mqslam.auditing.registration import Registration, register
 from mqslam.auditing.spans.measured import explain_few_spans, find_spans, fit_to_reach, pick_ends, register_spans
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans, estimate_covariances
@@ -42,6 +43,9 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
 
 def test_no_span_of_the_truth_is_torn() -> None:
     finding = judge_spans(judged(0.0), CONFIG.audit, CONFIG.verdict)
+    assert _set_apart(finding, np.zeros((9, 3))) is finding
+    apart = "apart from the errors of the whole trajectory (test pooled), "
+    assert _set_apart(finding, np.array([[0.0, 0.0, 0.1]])).reason == apart + finding.reason
     assert finding.status is VerdictStatus.PASS and finding.judged, finding.reason
 
 

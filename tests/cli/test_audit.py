@@ -73,8 +73,11 @@ def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
     by_speed = {"torn": True, "by_speed": True, "speed_error": 9.0}
     assert all(not row["by_speed"] for row in summary["per_window"])  # the page calls these windows bent, too
     summary["per_window"] = [row | by_speed for row in summary["per_window"]]
+    summary |= {"notes": ["of another drive"], "warnings": ["no odometry"]}
     (tmp_path / "b" / "audit.json").write_text(json.dumps(summary))
-    assert "m: not bent, but the scans contradict its speed by 9 m/s\n" in mqslam("show", tmp_path / "b").out
+    shown = mqslam("show", tmp_path / "b")
+    assert "m: not bent, but the scans contradict its speed by 9 m/s\n" in shown.out
+    assert shown.err == "note: of another drive\nwarning: no odometry\n"
 
 
 def test_each_test_gives_a_p_value_and_the_rate_of_false_alarms_decides(

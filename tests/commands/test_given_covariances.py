@@ -174,3 +174,16 @@ def test_covariances_and_a_baseline_that_cannot_be_read_are_refused_before_the_r
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=tmp_path / "none.csv")
     with pytest.raises(DataError, match="old: does not exist"):
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, baseline=tmp_path / "old")
+
+
+def test_revisits_that_have_corrected_the_trajectory_say_nothing_about_its_covariances() -> None:
+    measured = np.diag([1e-4, 1e-4, 1e-6])
+    for scale in (1e-6, 1.0, 100.0):
+        revisits = []
+        for offset in np.random.default_rng(3).multivariate_normal(np.zeros(3), measured, size=40):
+            by_measurement = float(offset @ np.linalg.solve(measured, offset))
+            one = replace(judged_revisit(0, 9, tuple(offset), False), inflation=by_measurement / (1.0 + scale))
+            one = replace(one, covariance=(1.0 + scale) * measured, stated_covariance=scale * measured)
+            revisits.append(replace(one, measured_inflation=by_measurement))
+        honesty = judge_honesty(revisits)
+        assert honesty is not None and "are not tested" in honesty.statement

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import pytest
 import yaml
 
 from mqslam.results.audit_gate import format_junit, format_markdown, list_worse
@@ -46,8 +49,10 @@ def test_markdown_has_a_row_per_test_and_nothing_active() -> None:
         "covariances": {"statement": "they are too small"},
         "mended": {"sentence": "Mended."},
         "warnings": ["no <odometry>"],
+        "notes": ["they are too small", "another drive"],
     }
-    listed = "Audited: a\\_drive (native) under slam.tum\n\n- they are too small\n- Mended.\n- no \\<odometry\\>\n\n| test |"
+    subject = "Audited: a\\_drive (native) under slam.tum"
+    listed = f"{subject}\n\n- they are too small\n- Mended.\n- another drive\n- no \\<odometry\\>\n\n| test |"
     assert listed in format_markdown(audited(verdict="pass") | said)
     for given in (worse, worse | {"worse": []}, None):
         text = format_markdown(audited(given, verdict="warn", steps="warn"))
@@ -68,8 +73,27 @@ def test_junit_fails_what_fails_or_is_worse() -> None:
     assert suite[0][0].get("message") == "steps is warn and was pass; <steps> | said"
 
 
+ACTION = Path(__file__).parents[2] / "action.yml"
+
+
+@pytest.mark.parametrize(("code", "reported"), [(0, True), (1, True), (2, False), (3, True)])
+def test_the_github_action_reports_no_audit_from_before(code: int, reported: bool, tmp_path: Path) -> None:
+    """The command fails with 2 where the folder for the results exists: the audit in this folder is an earlier one."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "audit.md").write_text("## mqslam audit: pass\n")
+    (tmp_path / "out" / "audit.json").write_text('{"verdict": {"status": "pass"}}')
+    (tmp_path / "mqslam").write_text(f"#!/bin/sh\nexit {code}\n")
+    (tmp_path / "mqslam").chmod(0o755)
+    step = yaml.safe_load(ACTION.read_text(encoding="utf-8"))["runs"]["steps"][1]
+    inputs = {name: "" for name in step["env"]} | {"OUT": "out", "DATA": "drive"}
+    given = {"GITHUB_STEP_SUMMARY": "summary", "GITHUB_OUTPUT": "output", "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", "-e", "-c", step["run"]], env=inputs | given, cwd=tmp_path, check=False)
+    assert done.returncode == code
+    assert (tmp_path / "summary").exists() == reported and (tmp_path / "output").exists() == reported
+
+
 def test_the_github_action_calls_what_exists() -> None:
-    action = yaml.safe_load((Path(__file__).parents[2] / "action.yml").read_text(encoding="utf-8"))
+    action = yaml.safe_load(ACTION.read_text(encoding="utf-8"))
     assert action["runs"]["using"] == "composite" and set(action["outputs"]) == {"verdict"}
     steps = action["runs"]["steps"]
     assert all(step["shell"] == "bash" for step in steps)
