@@ -48,6 +48,7 @@ class Topics:
     truth: str | None = None
 
 
+_SAME_LENGTH = 1e-4  # relative difference of two lengths of range bins below which they are written with other digits only
 USUAL_TOPICS = Topics()
 
 
@@ -70,6 +71,17 @@ class Sensing:
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
     encoder_size: int | None = None
+
+    def note_contradiction(self, stated_m: float, where: str) -> list[str]:
+        """Returns a list with a note if the user gives another length of range bins than the recording states.
+
+        Args:
+            stated_m: the length that the recording states [m].
+            where: the file or the topic that states it.
+        """
+        if self.range_resolution is None or abs(self.range_resolution / stated_m - 1.0) < _SAME_LENGTH:
+            return []
+        return [f"range bins are {self.range_resolution:.4g} m long, as given: {where} states {stated_m:.4g} m"]
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
         """Returns the length of a range bin [m], and a list with a note for the user if the usual length is assumed.

@@ -111,7 +111,11 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
             range_offset=offset,
             odometry=_read_trajectory(archive, "odometry"),
             ground_truth=_read_trajectory(archive, "ground_truth"),
-            notes=(*archive.read("notes", np.str_, (-1,)).tolist(), *sensing.note_unused()),
+            notes=(
+                *archive.read("notes", np.str_, (-1,)).tolist(),
+                *sensing.note_unused(),
+                *sensing.note_contradiction(resolution, path.name),
+            ),
         )
         return add_beside(
             recording, lambda: _read_gyroscope(archive), lambda: _read_fixes(archive), lambda: _read_mount(archive)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,12 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, unlisted, damage = _list_names(root, folder)
     recording = open_rows(path, "oxford", folder, names, _find_resolution(root, sensing.range_resolution), sensing)
-    odometry, offset, notes = root / "odom.csv", _find_range_offset(root), (*unlisted, *recording.notes)
+    stated, contradicted = None, list[str]()
+    with suppress(DataError):  # a given length replaces one that cannot be read
+        stated = _read_resolution(root)
+    if stated is not None:
+        contradicted = sensing.note_contradiction(*stated)
+    odometry, offset, notes = root / "odom.csv", _find_range_offset(root), (*unlisted, *contradicted, *recording.notes)
     read, untrue = read_beside(lambda: _read_ground_truth(root, recording))
     truth, broken = (None, []) if read is None else read
     recording = add_beside(
@@ -142,6 +148,22 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
     """
     if given is not None:
         return given, []
+    stated = _read_resolution(root)
+    if stated is not None:
+        return stated[0], []
+    fit = ", the best fit to Oxford's radar (published: 0.0432 m)"
+    return RANGE_RESOLUTION_M, [note_resolution(RANGE_RESOLUTION_M, fit)]
+
+
+def _read_resolution(root: Path) -> tuple[float, str] | None:
+    """Reads the length of a range bin [m] from a file that describes the recording, and returns it with the file's name.
+
+    Returns:
+        None if there is no such file.
+
+    Raises:
+        DataError: the file states no length of a range bin.
+    """
     for file in _list_descriptions(root):
         try:
             value = float(json.loads(untrusted.read_document(file))["range_resolution_m"])
@@ -150,9 +172,8 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             problem = "states no range_resolution_m that can be the length of a range bin"
             raise DataError(file, problem, Remedy.GIVE_RANGE_RESOLUTION) from error
-        return value, []
-    fit = ", the best fit to Oxford's radar (published: 0.0432 m)"
-    return RANGE_RESOLUTION_M, [note_resolution(RANGE_RESOLUTION_M, fit)]
+        return value, file.name
+    return None
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:

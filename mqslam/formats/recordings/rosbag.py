@@ -289,6 +289,8 @@ def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float
     elif resolution is None:
         resolution = RANGE_RESOLUTION_M
         notes.append(note_resolution(resolution))
+    elif stated is not None:
+        notes += sensing.note_contradiction(stated.bin_length, stated.topic)
     if sensing.range_offset is None and stated is not None and stated.middle_of_bin_0 is not None:
         offset = stated.middle_of_bin_0 - 0.5 * resolution
         note = f"a range offset of {offset:.4g} m, as {stated.topic} states it by the range of the middle of bin 0"

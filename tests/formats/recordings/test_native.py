@@ -46,7 +46,8 @@ def test_odometry_and_ground_truth_are_kept(oxford: Path, tmp_path: Path) -> Non
 
 
 def test_range_resolution_can_be_overridden(native: Path) -> None:
-    assert open_recording(native, range_resolution=0.1).range_resolution == 0.1
+    given = open_recording(native, range_resolution=0.1)
+    assert given.range_resolution == 0.1 and any("are 0.1 m long, as given" in note for note in given.notes)
 
 
 def test_the_range_offset_is_kept_or_named_as_lost(oxford: Path, tmp_path: Path) -> None:

@@ -73,7 +73,12 @@ def test_range_resolution_comes_from_the_user_then_the_recording_then_the_layout
     (oxford / "simulation.json").write_text(json.dumps({"range_resolution_m": 0.175}))
     recorded = open_recording(oxford)
     assert recorded.range_resolution == 0.175 and not recorded.notes
-    assert open_recording(oxford, range_resolution=0.0432).range_resolution == 0.0432
+    given = open_recording(oxford, range_resolution=0.0432)
+    assert given.range_resolution == 0.0432
+    assert given.notes == ("range bins are 0.0432 m long, as given: simulation.json states 0.175 m",)
+    assert not open_recording(oxford, range_resolution=0.175).notes
+    (oxford / "simulation.json").write_text(json.dumps({"range_resolution_m": "unknown"}))
+    assert not open_recording(oxford, range_resolution=0.175).notes
     with pytest.raises(ConfigError, match="range resolution -1"):
         open_recording(oxford, range_resolution=-1.0)
 
