@@ -205,6 +205,14 @@ def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 
 
+def count_interpolated(scans: Scans, trajectory: Trajectory) -> int:
+    """Counts the scans that a trajectory covers although none of its poses lies within half a revolution of their starts."""
+    starts = _stamp_spans(scans)[find_covered(scans, trajectory), 0]
+    after = np.searchsorted(trajectory.stamps_us, starts).clip(1, len(trajectory.stamps_us) - 1)
+    nearest_us = np.abs(trajectory.stamps_us[np.column_stack([after - 1, after])] - starts[:, None]).min(axis=1)
+    return int(np.count_nonzero(nearest_us > 0.5e6 * scans.revolution_s))
+
+
 def _stamp_spans(scans: Scans) -> NDArray[np.int64]:
     """Returns the stamps (N, 2) [us] of the beginnings and ends of scans."""
     return scans.start_us + np.round(scans.spans * 1e6).astype(np.int64)

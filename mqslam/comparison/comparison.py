@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mqslam.auditing.sweeps import find_covered
+from mqslam.auditing.sweeps import count_interpolated, find_covered
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.refinement import SAMPLE_M, find_crossings, measure_psi_across
@@ -44,6 +44,7 @@ class Comparison:
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
         psi_across: psi per point across passes, by the rows' names, at the places that the best row passes twice.
         covered: number of scans that the trajectory of each row covers, by the rows' names.
+        interpolated: number of these scans near which the trajectory of each row has no pose, by the rows' names.
         compared: number of scans that every row covers, on which the rows are judged.
         places: places where the rows differ most. `JudgedRow.crops` begins with the crops at these places.
         stations: places spread evenly over time. The crops at these places come next in `JudgedRow.crops`.
@@ -59,6 +60,7 @@ class Comparison:
     best: Best | None
     psi_across: dict[str, float]
     covered: dict[str, int]
+    interpolated: dict[str, int]
     compared: int
     places: tuple[Place, ...]
     stations: tuple[Place, ...]
@@ -108,6 +110,7 @@ def compare_rows(
         best=best,
         psi_across=measure_rows_across(judged, best, common, settings, beam, engine),
         covered={row.name: len(find_covered(scans, row.trajectory)) for row in ran if row.trajectory is not None},
+        interpolated={row.name: count_interpolated(scans, row.trajectory) for row in ran if row.trajectory is not None},
         compared=len(common),
         places=tuple(places),
         stations=tuple(stations),

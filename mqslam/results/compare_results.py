@@ -94,8 +94,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
         ],
         "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
         "rows": [
-            _list_row(row, judged.get(row.name), across.get(row.name), comparison.covered.get(row.name, 0), len(recording))
-            for row in comparison.rows
+            _list_row(row, judged.get(row.name), across.get(row.name), comparison, len(recording)) for row in comparison.rows
         ],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
@@ -105,11 +104,12 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _list_row(row: Row, judged: JudgedRow | None, across: float | None, covered: int, scans: int) -> dict[str, Any]:
+def _list_row(
+    row: Row, judged: JudgedRow | None, across: float | None, comparison: Comparison, scans: int
+) -> dict[str, Any]:
     """Returns the entry of compare.json on a row; for a row that was not judged (`judged` is None), its name and failure.
 
-    The psi across passes, `across`, is None if it is not known. Of the `scans` scans in the recording, the row covers
-    `covered`.
+    The psi across passes, `across`, is None if it is not known. The recording has `scans` scans.
     """
     if judged is None:
         return {"name": row.name, "failure": row.failure}
@@ -120,7 +120,8 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, covered:
     return {
         "name": row.name,
         "failure": None,
-        "scans": covered,
+        "scans": comparison.covered.get(row.name, 0),
+        "interpolated": comparison.interpolated.get(row.name, 0),
         "drift_percent": truth and truth.drift_percent,
         "drift_deg_per_100m": truth and truth.drift_deg_per_100m,
         "ate_rmse_m": truth and truth.ate_rmse_m,
@@ -189,7 +190,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 def explain_table(summary: Mapping[str, Any], marked: Collection[tuple[int, int]], mark: str) -> list[str]:
     """Returns the notes that stand below the table of a comparison.
 
-    They say how the best values are marked, which rows do not cover all scans, and why there is no drift.
+    They say how the best values are marked, which rows lack scans or are interpolated, and why there is no drift.
 
     Args:
         summary: content of compare.json.
@@ -205,6 +206,9 @@ def explain_table(summary: Mapping[str, Any], marked: Collection[tuple[int, int]
         covered = join_words([f"{row['name']} covers {row['scans']}" for row in short])
         judged = f"every row is judged on the {dataset['compared']} that all rows cover"
         notes.append(f"Of {dataset['revolutions']} scans, {covered}; {judged}.")
+    between = [f"{row['interpolated']} scans of {row['name']}" for row in rows if row.get("interpolated")]
+    if between:
+        notes.append(f"No pose lies near {join_words(between)}: there the poses are interpolated between distant ones.")
     if {row["drift_percent"] for row in rows if row.get("ate_rmse_m") is not None} == {None}:
         notes.append(f"Drift is {NO_DRIFT}.")
     return notes

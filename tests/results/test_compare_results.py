@@ -98,6 +98,9 @@ def test_notes_say_how_the_best_are_marked_which_rows_lack_scans_and_why_there_i
     short = [row | {"scans": scans} for row, scans in zip((*rows, full_row("c", 0.4, 0.9)), (14, 20, 15), strict=True)]
     (covered,) = explain_table(summary(*short, {"name": "x", "failure": "50 % off"}), frozenset(), "Bold")
     assert covered == "Of 20 scans, a covers 14 and c covers 15; every row is judged on the 13 that all rows cover."
+    gaps = [row | {"interpolated": count} for row, count in zip(rows, (0, 26), strict=True)]
+    (between,) = explain_table(summary(*gaps), frozenset(), "Bold")
+    assert between == "No pose lies near 26 scans of b: there the poses are interpolated between distant ones."
     unknown = [row | {"drift_percent": None, "ate_rmse_m": 0.1} for row in rows]
     (drift,) = explain_table(summary(*unknown), frozenset(), "Bold")
     assert drift == "Drift is not measured, because ground truth covers less than 100 m of the path."

@@ -191,6 +191,7 @@ def a_comparison(shown_rows: tuple[JudgedRow, ...] = ROWS, truth: Trajectory | N
         "best": None,
         "psi_across": {},
         "covered": {},
+        "interpolated": {},
         "compared": 60,
         "stations": (),
         "warnings": (),
