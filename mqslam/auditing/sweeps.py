@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.tracks import Track, measure_doubt
+from mqslam.auditing.tracks import Track, have_own_pose, measure_doubt
 from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.stored import release
@@ -142,7 +142,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
     counts = kept.counts
     if not counts.any():
         raise EstimationError(f"no returns in {len(kept)} scans; lower detector.threshold")
-    track = Track(trajectory.seconds(scans.start_us), trajectory.poses, len(scans), len(scans) - len(inside))
+    track = _make_track(scans, trajectory, inside)
     placed = place_scans(kept, track.times, track.poses, beam)
     times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
@@ -205,12 +205,21 @@ def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 
 
-def count_interpolated(scans: Scans, trajectory: Trajectory) -> int:
-    """Counts the scans that a trajectory covers although none of its poses lies within half a revolution of their starts."""
-    starts = _stamp_spans(scans)[find_covered(scans, trajectory), 0]
-    after = np.searchsorted(trajectory.stamps_us, starts).clip(1, len(trajectory.stamps_us) - 1)
-    nearest_us = np.abs(trajectory.stamps_us[np.column_stack([after - 1, after])] - starts[:, None]).min(axis=1)
-    return int(np.count_nonzero(nearest_us > 0.5e6 * scans.revolution_s))
+def count_interpolated(scans: Scans, trajectory: Trajectory, covered: Sequence[int]) -> int:
+    """Counts the scans, of those that a trajectory covers, near whose starts it has no pose (`tracks.have_own_pose`).
+
+    Args:
+        scans: all scans.
+        trajectory: the trajectory.
+        covered: indices of the scans that it covers, as `find_covered` returns them.
+    """
+    track = _make_track(scans, trajectory, covered)
+    return int(np.count_nonzero(~have_own_pose(track, scans.start_times[covered], scans.revolution_s)))
+
+
+def _make_track(scans: Scans, trajectory: Trajectory, covered: Sequence[int]) -> Track:
+    """Returns the poses of a trajectory that covers the scans with the indices `covered`."""
+    return Track(trajectory.seconds(scans.start_us), trajectory.poses, len(scans), len(scans) - len(covered))
 
 
 def _stamp_spans(scans: Scans) -> NDArray[np.int64]:

@@ -169,7 +169,7 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     off_m = (np.hypot(off[:, 0], off[:, 1]) + range_m * np.abs(off[:, 2])).reshape(-1, len(_INSIDE)).max(axis=1)
     is_dense = durations <= _LONGEST_TURNS * revolution_s
     off_m[[0, -1]] *= 2.0  # beyond the ends no pose shows how the curve goes on
-    own = _have_own_pose(track, times, revolution_s)
+    own = have_own_pose(track, times, revolution_s)
     within = _find_steps(track, times[~own])
     is_dense |= ~np.isin(np.arange(len(durations)), within)
     off_m[is_dense] = 0.0
@@ -177,7 +177,7 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     return np.array([off_m[max(a, 0) : b + 1].max() for a, b in zip(first.tolist(), last.tolist(), strict=True)])
 
 
-def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
+def have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
     """Returns a mask (S,) of the scans that have a pose within half a revolution of their start, at `times` (S,) [s]."""
     before = _find_steps(track, times)
     apart = np.minimum(np.abs(times - track.times[before]), np.abs(track.times[before + 1] - times))

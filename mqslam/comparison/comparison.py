@@ -96,8 +96,10 @@ def compare_rows(
         raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
     common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
-    places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None])
+    tracks = {row.name: row.trajectory for row in ran if row.trajectory is not None}
+    places = find_places(common, list(tracks.values()))
     stations = pick_stations(common)
+    covered = {name: find_covered(scans, track) for name, track in tracks.items()}
     judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)
     shown, judged = judge.judge_all(rows)
     best = find_best([Standing.of(row) for row in judged.values()])
@@ -109,8 +111,8 @@ def compare_rows(
         judged=judged,
         best=best,
         psi_across=measure_rows_across(judged, best, common, settings, beam, engine),
-        covered={row.name: len(find_covered(scans, row.trajectory)) for row in ran if row.trajectory is not None},
-        interpolated={row.name: count_interpolated(scans, row.trajectory) for row in ran if row.trajectory is not None},
+        covered={name: len(inside) for name, inside in covered.items()},
+        interpolated={name: count_interpolated(scans, tracks[name], inside) for name, inside in covered.items()},
         compared=len(common),
         places=tuple(places),
         stations=tuple(stations),

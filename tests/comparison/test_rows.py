@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.drives import street_context, street_drive
 
-from mqslam.auditing.sweeps import count_interpolated
+from mqslam.auditing.sweeps import count_interpolated, find_covered
 from mqslam.comparison import judgement
 from mqslam.comparison.judgement import Judge, compare_pairs, find_places, take_common_scans
 from mqslam.comparison.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
@@ -138,7 +138,8 @@ def test_only_what_every_trajectory_covers_is_compared(monkeypatch: pytest.Monke
 def test_scans_without_a_pose_near_them_are_counted() -> None:
     _, scans = street_drive()
     track = row("psi", False).trajectory
-    assert track is not None and count_interpolated(scans, track) == 0
+    assert track is not None and count_interpolated(scans, track, find_covered(scans, track)) == 0
     third = Trajectory(track.stamps_us[::3], track.poses[::3])
     late = Trajectory(track.stamps_us + round(0.4e6 * scans.revolution_s), track.poses)
-    assert count_interpolated(scans, third) == (len(third) - 1) * 2 and count_interpolated(scans, late) == 0
+    counts = [count_interpolated(scans, one, find_covered(scans, one)) for one in (third, late)]
+    assert counts == [(len(third) - 1) * 2, 0]

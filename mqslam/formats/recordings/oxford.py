@@ -61,12 +61,8 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, unlisted, damage = _list_names(root, folder)
     recording = open_rows(path, "oxford", folder, names, _find_resolution(root, sensing.range_resolution), sensing)
-    stated, contradicted = None, list[str]()
-    with suppress(DataError):  # a given length replaces one that cannot be read
-        stated = _read_resolution(root)
-    if stated is not None:
-        contradicted = sensing.note_contradiction(*stated)
-    odometry, offset, notes = root / "odom.csv", _find_range_offset(root), (*unlisted, *contradicted, *recording.notes)
+    odometry, offset = root / "odom.csv", _find_range_offset(root)
+    notes = (*unlisted, *_note_contradiction(root, sensing), *recording.notes)
     read, untrue = read_beside(lambda: _read_ground_truth(root, recording))
     truth, broken = (None, []) if read is None else read
     recording = add_beside(
@@ -153,6 +149,15 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
         return stated[0], []
     fit = ", the best fit to Oxford's radar (published: 0.0432 m)"
     return RANGE_RESOLUTION_M, [note_resolution(RANGE_RESOLUTION_M, fit)]
+
+
+def _note_contradiction(root: Path, sensing: Sensing) -> list[str]:
+    """Returns a list with a note if the user gives another length of range bins than a file of the recording states."""
+    stated = None
+    if sensing.range_resolution is not None:
+        with suppress(DataError):  # a given length replaces one that cannot be read
+            stated = _read_resolution(root)
+    return [] if stated is None else sensing.note_contradiction(*stated)
 
 
 def _read_resolution(root: Path) -> tuple[float, str] | None:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.corridors import PASS, build_corridor, drive_twice
+from support.corridors import PASS, build_corridor, drive_twice, find_errors, join_passes
 from support.passes import let_passes_follow
 
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.loops.free_space import Beams, FreeSpace, contradicts, place_along
 from mqslam.backend.loops.passes import TrackedRun, find_origins, render_passes
 from mqslam.backend.loops.registration import align_passes
-from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, Measurement
+from mqslam.core.measurement import Loop
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import beam_of
 
@@ -115,19 +114,10 @@ def test_space_is_free_up_to_the_shorter_of_two_neighbouring_beams() -> None:
 
 def test_a_drift_between_two_passes_in_opposite_headings_is_removed_by_loops() -> None:
     drive = drive_twice(build_corridor(2), 1.0, back=True)
-    motions = se2.between(drive.poses[:-1], drive.poses[1:])
-    motions[PASS - 1] += [0.9, 0.4, 0.01]
-    measurements = []
-    for k, motion in enumerate(motions):
-        sigmas = (0.6, 0.6, 0.01) if k == PASS - 1 else (0.01, 0.01, 0.001)
-        times = float(drive.times[k]), float(drive.times[k + 1])
-        measurements.append(Measurement(*times, motion, np.diag(np.square(sigmas))))
-    problem = Problem(measurements, [])
+    problem = join_passes(drive, (0.9, 0.4, 0.01), (0.6, 0.6, 0.01))
     search = find_loops(drive.scans, problem, ESTIMATOR, BEAM, Runner(), recognising=False)
     assert len(search.loops) >= 5
-    poses = problem.solve_poses(search.loops)
-    for earlier in (20, 40, 60):
-        later = 2 * PASS - 1 - earlier
-        off = se2.between(poses[earlier], poses[later]) - se2.between(drive.poses[earlier], drive.poses[later])
-        assert np.hypot(*off[:2]) < 0.1
-        assert abs(se2.wrap(off[2])) < 0.003
+    pairs = [(earlier, 2 * PASS - 1 - earlier) for earlier in (20, 40, 60)]
+    for error in find_errors(drive, problem.solve_poses(search.loops), pairs):
+        assert np.hypot(*error[:2]) < 0.1
+        assert abs(error[2]) < 0.003
